@@ -4,19 +4,6 @@ from diffbot_core import health as module
 from diffbot_core.health import Health, Throttle
 
 
-def test_only_the_first_drop_of_a_kind_is_worth_a_line():
-    health = Health()
-    assert health.drop("odom", "too old")
-    assert not health.drop("odom", "too old")
-    assert health.drop("odom", "not finite")
-    assert health.drop("pose", "too old")
-    assert health.report(1.0) == {
-        "odom dropped: not finite": "1",
-        "odom dropped: too old": "2",
-        "pose dropped: too old": "1",
-    }
-
-
 def test_only_the_drops_of_the_last_ten_seconds_are_recent(monkeypatch):
     health, now = Health(), [100.0]
     monkeypatch.setattr(module.time, "monotonic", lambda: now[0])
@@ -56,9 +43,12 @@ def test_after_a_reset_counters_and_rates_begin_at_zero():
     health = Health()
     health.accept("odom", 10.0)
     health.sent["pose"] += 4
-    health.drop("fix", "not finite")
+    drops = (("fix", "not finite"), ("fix", "not finite"), ("fix", "too old"), ("odom", "too old"))
+    assert [health.drop(*one) for one in drops] == [True, False, True, True], "only the first is worth a line"
     health.notes = {"steps": "7"}
-    assert list(health.report(1.0))[-2:] == ["fix dropped: not finite", "steps"]
+    assert list(health.report(1.0).items())[-4:] == [
+        ("fix dropped: not finite", "2"), ("fix dropped: too old", "1"), ("odom dropped: too old", "1"), ("steps", "7"),
+    ]  # fmt: skip
     health.notes = {}
     health.reset()
     assert health.report(1.0) == {}

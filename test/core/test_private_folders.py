@@ -9,6 +9,8 @@ from diffbot_core.errors import DiffbotError
 from diffbot_core.foreign_files import read_own
 from diffbot_core.private_folders import private_folder, runtime_folder
 
+OPEN = (0o770, 0o777, 0o702)
+
 
 def mode_of(path):
     return stat.S_IMODE(path.lstat().st_mode)
@@ -37,22 +39,21 @@ def test_a_folder_that_others_only_read_is_closed_to_them(tmp_path):
     assert mode_of(folder) == 0o700
 
 
-@pytest.mark.parametrize("mode", [0o770, 0o777, 0o702])
-def test_a_folder_that_others_can_write_to_is_not_used_and_left_as_it_is(tmp_path, mode):
-    folder = tmp_path / "cache"
-    folder.mkdir()
-    folder.chmod(mode)
-    with pytest.raises(DiffbotError, match=rf"{folder} is not used: its mode 0{mode:o} lets others write to it"):
-        private_folder(folder)
-    assert mode_of(folder) == mode
-
-
-@pytest.mark.parametrize("kind", ["link", "file"])
-def test_what_is_no_folder_is_not_used(tmp_path, kind):
+@pytest.mark.parametrize(
+    ("make", "reason"),
+    [
+        *((lambda path, mode=mode: path.mkdir() or path.chmod(mode), f"its mode 0{mode:o} lets") for mode in OPEN),
+        (lambda path: path.symlink_to("."), "it is no folder"),
+        (lambda path: path.touch(), "File exists"),
+    ],
+)
+def test_what_others_can_write_to_or_is_no_folder_is_not_used_and_left_as_it_is(tmp_path, make, reason):
     path = tmp_path / "cache"
-    path.symlink_to(tmp_path) if kind == "link" else path.touch()
-    with pytest.raises(DiffbotError, match=r"cache is not used: (it is no folder|File exists)"):
+    make(path)
+    before = path.lstat().st_mode
+    with pytest.raises(DiffbotError, match=f"{path} is not used: {reason}"):
         private_folder(path)
+    assert path.lstat().st_mode == before
 
 
 def test_folders_and_files_of_another_user_are_not_used(tmp_path, monkeypatch):

@@ -9,9 +9,9 @@ from pathlib import Path
 import nbformat
 import numpy as np
 import pytest
+from bag_makers import read
 from matplotlib import pyplot
-from rosbags.highlevel import AnyReader
-from rosbags.typesys import Stores, get_typestore
+from robot import stamp
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 V_MAX = 1.3
@@ -38,13 +38,13 @@ def numbers(text):
 
 def errors_in(bag):
     """Return the distances [m] of estimates from the true poses of the same stamps, read by rosbags."""
-    positions = {"/ground_truth": {}, "/pose": {}}
-    with AnyReader([bag], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
-        connections = [one for one in reader.connections if one.topic in positions]
-        for connection, _, data in reader.messages(connections=connections):
-            message = reader.deserialize(data, connection.msgtype)
-            stamp, point = message.header.stamp, message.pose.pose.position
-            positions[connection.topic][stamp.sec, stamp.nanosec] = complex(point.x, point.y)
+    positions = {
+        topic: {
+            stamp(message): complex(message.pose.pose.position.x, message.pose.pose.position.y) for _, message in rows
+        }
+        for topic, rows in read(bag).items()
+        if topic in ("/ground_truth", "/pose")
+    }
     truth, estimates = positions["/ground_truth"], positions["/pose"]
     return [abs(estimates[stamp] - truth[stamp]) for stamp in truth.keys() & estimates.keys()]
 

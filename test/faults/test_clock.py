@@ -18,6 +18,10 @@ JUMP = 500 * 10**9
 CLOCK_PERIOD = 0.01
 
 
+def is_zero(v, omega):
+    return v == omega == 0.0
+
+
 class ClockSource:
     """Publishes the time of day, with an offset, from a thread of its own."""
 
@@ -92,15 +96,7 @@ def test_clock_that_jumps_back_stops_the_robot(timed, trials, seeded):
         for _ in timed.moments(running, seeded):
             since = timed.mark()
             timed.source.offset -= JUMP
-            running.measure(time_of_first_stop(timed, since), delay=timed.delay())
-
-
-def time_of_first_stop(witness, since):
-    """Return when the robot stood first: after a jump it drives on a second later."""
-    witness.peer.spin_until(
-        lambda: any(at >= since and value == (0.0, 0.0) for at, value in witness.commands), 5.0, "a zero"
-    )
-    return next(at for at, value in witness.commands if at >= since and value == (0.0, 0.0)) - since
+            running.measure(first_command(timed, since, is_zero) - since, delay=timed.delay())
 
 
 def test_clock_that_jumps_ahead_leaves_the_goal(timed, trials, seeded):
@@ -109,10 +105,17 @@ def test_clock_that_jumps_ahead_leaves_the_goal(timed, trials, seeded):
             since = timed.mark()
             timed.source.offset += JUMP
             timed.peer.spin_for(0.3)
-            later = since + 0.2
-            timed.peer.spin_until(lambda later=later: [1 for at, (v, _) in timed.commands if at > later and v > 0.3])
-            first = next(at for at, (v, _) in timed.commands if at > later and v > 0.3)
+            first = first_command(timed, since + 0.2, lambda v, _: v > 0.3)
             running.measure(first - since, delay=timed.delay())
+
+
+def first_command(witness, since, is_expected):
+    """Return when the first such command came; after a jump back the robot stands for a second only."""
+
+    def times():
+        return [at for at, command in witness.commands if at >= since and is_expected(*command)]
+
+    return witness.peer.spin_until(times, what="the command")[0]
 
 
 def test_second_publisher_of_clock_stops_the_robot_and_is_named(timed, trials, seeded):
@@ -124,8 +127,9 @@ def test_second_publisher_of_clock_stops_the_robot_and_is_named(timed, trials, s
                 timed.mark()
                 since = second.start()
                 try:
-                    first, delay = time_of_first_stop(timed, since), timed.delay()
+                    first = first_command(timed, since, is_zero)
+                    delay = timed.delay()
                     timed.report_with("controller", "/clock", "second_clock", level=DiagnosticStatus.ERROR)
                 finally:
                     second.end()
-                running.measure(first, delay=delay)
+                running.measure(first - since, delay=delay)

@@ -1,5 +1,6 @@
 """kill -9, SIGSTOP and SIGCONT of each node while the robot drives."""
 
+import contextlib
 import re
 import signal
 import struct
@@ -35,62 +36,50 @@ def patient_base(driving):
     assert driving.robot.set_parameter("plant", "cmd_vel_timeout", COMMAND_TIMEOUT).successful
 
 
+@contextlib.contextmanager
+def without(witness, fault, name, parameters=None):
+    """Kill or stop a node; give the time before. At the end it runs again."""
+    if fault == "kill":
+        yield witness.kill(name)
+        witness.robot.start(name, parameters)
+        return
+    since = witness.kill(name, signal.SIGSTOP)
+    try:
+        yield since
+    finally:
+        witness.kill(name, signal.SIGCONT)
+
+
+@pytest.mark.parametrize("fault", ["kill", "stop"])
 @pytest.mark.parametrize("name", ["ekf", "plant"])
-def test_killed_source_of_poses_stops_the_robot(name, patient_base, trials, seeded):
-    witness = patient_base
+def test_lost_source_of_poses_stops_the_robot(fault, name, patient_base, trials, seeded):
     parameters = {**NEAR, "cmd_vel_timeout": NEVER} if name == "plant" else None
-    with trials(f"kill {name}") as running:
-        for _ in witness.moments(running, seeded):
-            witness.measure_stop(running, witness.kill(name))
-            witness.robot.start(name, parameters)
+    with trials(f"{fault} {name}") as running:
+        for _ in patient_base.moments(running, seeded):
+            with without(patient_base, fault, name, parameters) as since:
+                patient_base.measure_stop(running, since)
 
 
-@pytest.mark.parametrize("name", ["ekf", "plant"])
-def test_held_up_source_of_poses_stops_the_robot(name, patient_base, trials, seeded):
-    witness = patient_base
-    with trials(f"stop {name}") as running:
-        for _ in witness.moments(running, seeded):
-            since = witness.kill(name, signal.SIGSTOP)
-            try:
-                witness.measure_stop(running, since)
-            finally:
-                witness.kill(name, signal.SIGCONT)
-
-
-def test_killed_controller_lets_the_base_stop(driving, trials, seeded):
-    with trials("kill controller") as running:
-        for _ in driving.moments(running, seeded, driving.drive):
-            driving.measure_stop(running, driving.kill("controller"), driving.truths)
-            driving.robot.start("controller")
-
-
-def test_held_up_controller_lets_the_base_stop(driving, trials, seeded):
-    with trials("stop controller") as running:
-        driving.drive()
-        # Held up, the controller keeps its goal.
-        for _ in driving.moments(running, seeded):
-            since = driving.kill("controller", signal.SIGSTOP)
-            try:
+@pytest.mark.parametrize("fault", ["kill", "stop"])
+def test_lost_controller_lets_the_base_stop(fault, driving, trials, seeded):
+    driving.drive()
+    with trials(f"{fault} controller") as running:
+        # Held up, the controller keeps its goal; a new one has none.
+        for _ in driving.moments(running, seeded, driving.drive if fault == "kill" else None):
+            with without(driving, fault, "controller") as since:
                 driving.measure_stop(running, since, driving.truths)
-            finally:
-                driving.kill("controller", signal.SIGCONT)
-
-
-def recording(driving, folder):
-    """Run a recorder of the true poses; it has ten of them when it is given."""
-    parameters = {"uri": folder, "flush_period": FLUSH_PERIOD, "topics": ["/ground_truth"]}
-    context = graph.node(RECORDER, parameters)
-    reports = driving.peer.subscribe(DiagnosticStatus, "recorder/status", LATCHED)
-    return context, lambda: reports and int(graph.values(reports[-1]).get("messages", 0)) >= 10
 
 
 def recordings(driving, running, folder):
-    """Yield a recorder with ten true poses and the folder of its bag, for each trial."""
+    """Yield a recorder of the true poses that has ten of them, and the folder of its bag, for each trial."""
     for number in running:
         bag = folder / f"bag_{number}"
-        context, has_recorded = recording(driving, bag)
-        with context as recorder:
-            driving.peer.spin_until(has_recorded, 20.0, "ten messages in the bag")
+        reports = driving.peer.subscribe(DiagnosticStatus, "recorder/status", LATCHED)
+        with graph.node(RECORDER, {"uri": bag, "flush_period": FLUSH_PERIOD, "topics": ["/ground_truth"]}) as recorder:
+            driving.peer.spin_until(
+                lambda reports=reports: reports and int(graph.values(reports[-1]).get("messages", 0)) >= 10,
+                what="ten messages in the bag",
+            )
             yield recorder, bag
 
 

@@ -1,8 +1,9 @@
-"""Bags as other makers write them, in rosbag2's layout: by the mcap library in many chunks, by rosbags."""
+"""Bags as other makers write and read them, in rosbag2's layout: by the mcap library in many chunks, by rosbags."""
 
 from contextlib import contextmanager
 
 from mcap.writer import CompressionType, Writer
+from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Qos as RosbagsQos
 from rosbags.interfaces import QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2 import StoragePlugin
@@ -49,6 +50,17 @@ def mcap_writing(stream, topics, definitions=None, chunk_size=1000, compression=
     writer.finish()
 
 
+def write_mcap(path, topics, messages, definitions=None, **options):
+    """Write a file with the mcap library: topic, log time and data of each message; then publish time and sequence.
+
+    See :func:`mcap_writing` for the rest.
+    """
+    with path.open("wb") as stream, mcap_writing(stream, topics, definitions, **options) as (writer, channels):
+        for topic, time, data, *more in messages:
+            writer.add_message(channels[topic], time, data, *(more or [time]))
+    return path
+
+
 def write_rosbags(folder, messages, offers=None):
     """Write a bag with rosbags, which gives no sequence numbers.
 
@@ -65,6 +77,16 @@ def write_rosbags(folder, messages, offers=None):
                 connections[topic] = writer.add_connection(topic, kind, typestore=STORE, offered_qos_profiles=qos)
             writer.write(connections[topic], time, data)
     return folder
+
+
+def read(path, raw=False):
+    """Return (log time, message) of each topic of a bag, as rosbags reads them; ``raw``: their bytes (CDR)."""
+    found = {}
+    with AnyReader([path], default_typestore=STORE) as reader:
+        for connection, time, data in reader.messages():
+            message = bytes(data) if raw else reader.deserialize(data, connection.msgtype)
+            found.setdefault(connection.topic, []).append((time, message))
+    return found
 
 
 def rosbags_qos(qos):

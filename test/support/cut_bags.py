@@ -6,11 +6,10 @@ from collections import Counter
 from typing import NamedTuple
 
 import yaml
-from bag_makers import BEGIN, POINT, STRING, mcap_writing, point, string, write_rosbags
+from bag_makers import BEGIN, POINT, STRING, mcap_writing, point, read, string, write_rosbags
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap.writer import IndexType
-from rosbags.highlevel import AnyReader
 
 from diffbot_bag.bag.message_definitions import MessageDefinitions
 from diffbot_bag.bag.qos import Qos, dump_profiles
@@ -117,12 +116,6 @@ def facts(path):
     return found
 
 
-def by_rosbags(folder):
-    """Topic, log time and data by rosbags, which reads metadata.yaml too."""
-    with AnyReader([folder]) as reader:
-        return [(connection.topic, time, bytes(data)) for connection, time, data in reader.messages()]
-
-
 def stated(folder):
     """The map in metadata.yaml."""
     return yaml.safe_load((folder / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
@@ -156,6 +149,17 @@ def check_metadata(folder):
         assert found == Counter(one.topic for one in own)
         assert indexed(file, summary.chunk_indexes) == sorted(one.log_time for one in own)
     return everything
+
+
+def write_new(new, out):
+    """Write a new bag and check it: progress, metadata, and the same messages by rosbags; return them."""
+    done = []
+    new.write(out, done.append)
+    assert sum(done) == new.size
+    found = check_metadata(out)
+    by_rosbags = [(topic, *row) for topic, rows in read(out, raw=True).items() for row in rows]
+    assert sorted(by_rosbags) == sorted((one.topic, one.log_time, one.data) for one in found)
+    return found
 
 
 def indexed(file, chunks):

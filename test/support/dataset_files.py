@@ -2,8 +2,6 @@
 
 import math
 
-from rosbags.highlevel import AnyReader
-
 BARCODES = {1: 5, 2: 14, 3: 41, 4: 32, 5: 23, 6: 63, 7: 81, 8: 7}
 LANDMARKS = {6: (3.0, 0.0), 7: (0.0, 4.0), 8: (-2.0, -3.0)}
 RADIUS, OMEGA, T0 = 1.5, 0.2, 1_248_446_190.0
@@ -71,12 +69,3 @@ def write_labyrinth(folder, duration=6.0):
     (folder / "Indoor_UWB_Input.txt").write_text("\n".join(ranges + odometry) + "\n")
     (folder / "Indoor_UWB_GT.txt").write_text("\n".join(truth) + "\n")
     return folder
-
-
-def read(path):
-    """Return (log time, message) of each topic of a bag, as rosbags reads them."""
-    found = {}
-    with AnyReader([path]) as reader:
-        for connection, time, data in reader.messages():
-            found.setdefault(connection.topic, []).append((time, reader.deserialize(data, connection.msgtype)))
-    return found

@@ -4,9 +4,10 @@ import math
 import random
 from collections import Counter
 
+import bag_makers
 import yaml
-from bag_makers import BEGIN, STORE, mcap_writing
-from view_bags import command, estimate, odometry, write
+from bag_makers import BEGIN
+from view_bags import command, data_of, estimate, odometry
 
 QOS = """\
 - history: 1
@@ -44,34 +45,30 @@ def irregular(seconds=20.0, seed=3):
     return sorted(rows, key=lambda row: row[1])
 
 
-def write_mcap(path, rows, compression="zstd", chunk_size=20_000, offers=None):
+def write_mcap(path, rows, offers=None, **options):
     """Write one file with the mcap library."""
     rows = list(rows)
     topics = {
         topic: (kind, {"offered_qos_profiles": (offers or {}).get(topic, qos())}) for topic, _, _, (kind, _) in rows
     }
-    with (
-        path.open("wb") as stream,
-        mcap_writing(stream, topics, chunk_size=chunk_size, compression=compression) as (writer, channels),
-    ):
-        for topic, time, sequence, (kind, message) in rows:
-            writer.add_message(channels[topic], time, bytes(STORE.serialize_cdr(message, kind)), time, sequence)
+    messages = ((topic, time, data_of(message), time, sequence) for topic, time, sequence, message in rows)
+    bag_makers.write_mcap(path, topics, messages, chunk_size=20_000, **options)
 
 
-def write_folder(folder, rows, compression="zstd", files=1, custom_data=None, **options):
+def write_folder(folder, rows, compression="zstd", files=1, custom_data=None, offers=None):
     """Write a folder of rosbag2 with the mcap library, the messages cut into this many files."""
     folder.mkdir()
     rows = list(rows)
     size = -(-len(rows) // files)
     names = [f"{folder.name}_{number}.mcap" for number in range(files)]
     for number, name in enumerate(names):
-        write_mcap(folder / name, rows[number * size : (number + 1) * size], compression, **options)
+        write_mcap(folder / name, rows[number * size : (number + 1) * size], compression=compression, offers=offers)
     topics = {topic: kind for topic, _, _, (kind, _) in rows}
     start, end = (pick(row[1] for row in rows) for pick in (min, max))
-    offers = {topic: (options.get("offers") or {}).get(topic, qos()) for topic in topics}
+    offered = {topic: (offers or {}).get(topic, qos()) for topic in topics}
     described = {
         topic: {
-            "name": topic, "type": kind, "serialization_format": "cdr", "offered_qos_profiles": offers[topic],
+            "name": topic, "type": kind, "serialization_format": "cdr", "offered_qos_profiles": offered[topic],
             "type_description_hash": "",
         }
         for topic, kind in topics.items()
@@ -88,8 +85,3 @@ def write_folder(folder, rows, compression="zstd", files=1, custom_data=None, **
     }  # fmt: skip
     (folder / "metadata.yaml").write_text(yaml.safe_dump({"rosbag2_bagfile_information": inner}))
     return folder
-
-
-def write_rosbags(folder, rows):
-    """Write with rosbags, which gives no sequence numbers."""
-    return write(folder, ((topic, time, message) for topic, time, _, message in rows))

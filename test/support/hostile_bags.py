@@ -8,9 +8,10 @@ import struct
 import foreign_bags
 import view_bags
 import yaml
-from bag_makers import BEGIN, STORE, mcap_writing
+from bag_makers import BEGIN, mcap_writing, write_mcap
 from damaged_bags import damage, original
 from mcap.writer import IndexType
+from view_bags import data_of
 
 MB = 2**20
 EVIL = [
@@ -65,7 +66,7 @@ def seeds(folder):
         topics = {topic: (kind, qos if topic in ("/odom", "/tf") else {}) for topic, _, _, (kind, _) in rows}
         with path.open("wb") as stream, mcap_writing(stream, topics, chunk_size=3000, **options) as (writer, channels):
             for topic, time, sequence, (kind, message) in rows:
-                writer.add_message(channels[topic], time, bytes(STORE.serialize_cdr(message, kind)), time, sequence)
+                writer.add_message(channels[topic], time, data_of((kind, message)), time, sequence)
             writer.add_attachment(5, 6, "parameters.json", "application/json", b'{"/controller": {"preset": "tuned"}}')
         found.append(original(path.read_bytes()))
     return found
@@ -90,13 +91,7 @@ def mutated(rng, whole):
 
 def _file(path, messages, kind="std_msgs/msg/Empty", topics=("/a",), text=b"", **options):
     """Write a file of (topic, time, data) with a schema of any text."""
-    with (
-        path.open("wb") as stream,
-        mcap_writing(stream, dict.fromkeys(topics, (kind, {})), {kind: text}, **options) as (writer, channels),
-    ):
-        for topic, time, data in messages:
-            writer.add_message(channels[topic], time, data, time)
-    return path
+    return write_mcap(path, dict.fromkeys(topics, (kind, {})), messages, {kind: text}, **options)
 
 
 def small_and_huge(folder):
@@ -169,13 +164,14 @@ def extreme_values(folder):
         path = folder / f"extreme_{number}.mcap"
         rows = good_rows(0.5)
         topics = {topic: (kind, {}) for topic, _, _, (kind, _) in rows}
-        with path.open("wb") as stream, mcap_writing(stream, topics) as (writer, channels):
-            for topic, time, sequence, (kind, message) in rows:
-                data = bytearray(STORE.serialize_cdr(message, kind))
-                for _ in range(number):
-                    at = 4 + 4 * rng.randrange((len(data) - 4) // 4)
-                    data[at : at + 8] = rng.choice(special)[: len(data) - at]
-                writer.add_message(channels[topic], time, bytes(data), time, sequence)
+        messages = []
+        for topic, time, sequence, message in rows:
+            data = bytearray(data_of(message))
+            for _ in range(number):
+                at = 4 + 4 * rng.randrange((len(data) - 4) // 4)
+                data[at : at + 8] = rng.choice(special)[: len(data) - at]
+            messages.append((topic, time, bytes(data), time, sequence))
+        write_mcap(path, topics, messages)
         yield path
 
 

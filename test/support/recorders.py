@@ -2,17 +2,20 @@
 
 from collections import Counter
 
+import bag_makers
 import graph
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Twist
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
-from rosbags.highlevel import AnyReader
 
 from diffbot_bag.recorder_node import RecorderNode
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 DEEP = 10_000
+DEEP_LATCHED = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+BEST_EFFORT = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
+KEEP_ALL = QoSProfile(history=HistoryPolicy.KEEP_ALL)
 
 
 class Recorder:
@@ -69,6 +72,4 @@ def publish(publisher, messages):
 
 def recorded(folder, topic):
     """Bytes of a topic as rosbags reads them."""
-    with AnyReader([folder]) as reader:
-        chosen = [connection for connection in reader.connections if connection.topic == topic]
-        return [bytes(data) for _, _, data in reader.messages(chosen)]
+    return [data for _, data in bag_makers.read(folder, raw=True).get(topic, ())]

@@ -4,7 +4,7 @@ import heapq
 import itertools
 
 import bag_makers
-from bag_makers import POINT, mcap_writing
+from bag_makers import POINT
 
 MS = 1_000_000
 LATCHED = """\
@@ -59,10 +59,7 @@ def write_mcap(path, messages, compression="zstd", latched=(), kind=POINT):
     messages = list(messages)
     qos = {topic: LATCHED if topic in latched else "" for topic, _, _ in messages}
     topics = {topic: (kind, {"offered_qos_profiles": text, "topic_type_hash": ""}) for topic, text in qos.items()}
-    with path.open("wb") as stream, mcap_writing(stream, topics, compression=compression) as (writer, channels):
-        for topic, time, data in messages:
-            writer.add_message(channels[topic], time, data, time)
-    return path
+    return bag_makers.write_mcap(path, topics, messages, compression=compression)
 
 
 def write_rosbags(folder, messages, kind=POINT):

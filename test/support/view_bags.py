@@ -139,11 +139,15 @@ def cloud(time, *landmarks, frame="base_link"):
     return kind, make(kind, header=header(time, frame), fields=fields, data=bytes_of, **sizes, **flags)
 
 
+def data_of(message):
+    """Return the bytes (CDR) of (type, message)."""
+    kind, content = message
+    return bytes(STORE.serialize_cdr(content, kind))
+
+
 def write(folder, messages):
     """Write (topic, log time [ns], (type, message)), in this order."""
-    return write_rosbags(
-        folder, ((topic, time, kind, STORE.serialize_cdr(message, kind)) for topic, time, (kind, message) in messages)
-    )
+    return write_rosbags(folder, ((topic, time, one[0], data_of(one)) for topic, time, one in messages))
 
 
 def at(step, rate=50):

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from nav_msgs.msg import Odometry
 from rclpy.serialization import deserialize_message, serialize_message
+from view_bags import data_of
 
 from diffbot_bag.bag.encoding import ODOMETRY, POSE, NumbersMessage, decode_numbers_message
 from diffbot_bag.bag.number_rows import LAYOUTS, NumberRows
@@ -66,11 +67,6 @@ def test_other_types_byte_orders_and_sizes_are_left_to_the_library():
     for size in range(len(data)):
         assert decode_numbers_message(POSE, data[:size]) is None
     assert decode_numbers_message(POSE, data[:12] + b"\xff\xff\xff\xff" + data[16:]) is None
-
-
-def data_of(message):
-    kind, content = message
-    return bytes(view_bags.STORE.serialize_cdr(content, kind))
 
 
 def test_a_type_without_a_stamp_has_its_log_time_in_more_messages_than_a_batch():

@@ -4,17 +4,17 @@ import os
 import subprocess
 import sys
 
+import foreign_bags
 import lz4.frame
 import pytest
 import yaml
 import zstandard
-from bag_makers import mcap_writing
+from bag_makers import write_mcap
 from mcap.exceptions import McapError
 from mcap.records import Chunk, ChunkIndex
 
 from diffbot_bag.bag.qos import load_profiles
 from diffbot_bag.bag.reader import BagReader
-from diffbot_bag.bag.writer import BagWriter
 from diffbot_bag.mcap.chunks import BagLimits, records_in
 from diffbot_bag.ros.conversions import message_class
 from diffbot_core.bounded_yaml import load_yaml
@@ -39,18 +39,6 @@ def error_of(path, **limits):
     return str(error.value)
 
 
-def write_bag(folder, **changes):
-    """A bag of one message, with these values in its metadata."""
-    writer = BagWriter(folder)
-    writer.write(writer.add_topic("/a", POINT), b"\0\1\0\0" + bytes(24), 5, 5)
-    writer.close()
-    path = folder / "metadata.yaml"
-    content = yaml.safe_load(path.read_text())
-    content["rosbag2_bagfile_information"].update(changes)
-    path.write_text(yaml.safe_dump(content))
-    return folder
-
-
 @pytest.fixture
 def mcap(tmp_path):
     """Write a file with one topic and these messages, pairs of time and data."""
@@ -58,10 +46,8 @@ def mcap(tmp_path):
 
     def write(messages, chunk_size=MB, qos="", definition=b""):
         topics = {"/a": (kind, {"offered_qos_profiles": qos})}
-        with path.open("wb") as stream, mcap_writing(stream, topics, {kind: definition}, chunk_size) as (writer, ids):
-            for time, data in messages:
-                writer.add_message(ids["/a"], time, data, time)
-        return path
+        rows = (("/a", *message) for message in messages)
+        return write_mcap(path, topics, rows, {kind: definition}, chunk_size=chunk_size)
 
     return write
 
@@ -123,7 +109,11 @@ def test_a_hostile_qos_profile(profile):
     ],
 )
 def test_wrong_values_in_metadata(tmp_path, changes, words):
-    folder = write_bag(tmp_path / "run", **changes)
+    folder = foreign_bags.write_folder(tmp_path / "run", [("/a", 5, 0, foreign_bags.command(0.0, 0.0))])
+    path = folder / "metadata.yaml"
+    content = yaml.safe_load(path.read_text())
+    content["rosbag2_bagfile_information"].update(changes)
+    path.write_text(yaml.safe_dump(content))
     (folder / "link").symlink_to("/dev/null")
     os.mkfifo(folder / "pipe")
     assert words in error_of(folder)

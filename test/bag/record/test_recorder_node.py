@@ -7,8 +7,8 @@ import graph
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Twist, TwistStamped
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from recorders import DEEP, LATCHED, Recorder, publish, recorded, twists
+from rclpy.qos import QoSProfile
+from recorders import BEST_EFFORT, DEEP, DEEP_LATCHED, KEEP_ALL, LATCHED, Recorder, publish, recorded, twists
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 
@@ -21,9 +21,6 @@ from diffbot_core.errors import DiffbotError
 pytestmark = pytest.mark.graph
 
 RELIABLE = QoSProfile(depth=1000)
-BEST_EFFORT = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
-KEEP_ALL = QoSProfile(history=HistoryPolicy.KEEP_ALL)
-DEEP_LATCHED = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 @pytest.fixture

@@ -77,10 +77,6 @@ def bag(tmp_path):
     bags.close()
 
 
-def content(messages):
-    return [(message.topic, message.log_time, message.data) for message in messages]
-
-
 def test_each_seek_goes_on_with_the_very_message_and_the_latched_one_before(bag):
     bags, expected = bag
     source = Source(lambda start: bags.messages(ALL, start, bags.end), lambda start: bags.last_before(start, ["/map"]))
@@ -96,7 +92,7 @@ def test_each_seek_goes_on_with_the_very_message_and_the_latched_one_before(bag)
         latched = [each for each in expected if each[0] == "/map" and each[1] < target][-1:]
         following = [each for each in expected if each[1] >= target]
         wanted += latched + (following if number == len(targets) - 1 else following[:10])
-    assert content(run.play()) == wanted
+    assert [(message.topic, message.log_time, message.data) for message in run.play()] == wanted
     assert not run.player.seek(BEGIN)
 
 

@@ -1,18 +1,22 @@
-"""Control of a running replay by services and parameters; several bags; subscribers slower than the replay."""
+"""Control of a replay by services, parameters and keys; several bags; subscribers slower than the replay."""
 
+import os
+import termios
+
+import graph
 import pytest
 from bag_makers import BEGIN, point
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Point
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
+from recorders import DEEP_LATCHED, KEEP_ALL, LATCHED
 from replay_nodes import Replay, play
 from replays import MS, write_mcap, write_rosbags
+from terminals import in_terminal
 
 pytestmark = pytest.mark.graph
 
-DEEP = QoSProfile(history=HistoryPolicy.KEEP_ALL)
-DEEP_LATCHED = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-TOPICS = {"/a": (Point, DEEP), "/map": (Point, DEEP_LATCHED)}
+TOPICS = {"/a": (Point, KEEP_ALL), "/map": (Point, DEEP_LATCHED)}
 ROOM = 5000
 """messages that DDS keeps at most on either side"""
 COUNT = 2 * ROOM + 500
@@ -68,6 +72,39 @@ def test_seek_burst_and_rate_by_parameters(nodes, bag):
     assert (replay.of("/a"), replay.of("/map")) == (A, MAP)
 
 
+def test_keys_pause_step_and_change_the_rate_and_ctrl_c_restores_the_terminal(bag, terminal):
+    ours, theirs = terminal
+    before = termios.tcgetattr(theirs)
+    with (
+        graph.peer() as peer,
+        graph.node(
+            "diffbot_bag.replay_node", {"uri": bag, "rate": 0.05, "wait_timeout": 60.0}, **in_terminal(theirs)
+        ) as running,
+    ):
+        reports = peer.subscribe(DiagnosticStatus, "/replay/status", LATCHED)
+        peer.subscribe(Point, "/map")
+        received = peer.subscribe(Point, "/a", 1000)
+
+        def reported(key):
+            return graph.values(reports[-1])[key]
+
+        running.wait_for_output("keys: space")
+        peer.spin_until(lambda: len(received) > 1 and reports, what="messages")
+        os.write(ours, b" ")
+        peer.spin_until(lambda: reports[-1].message == "paused", what="the pause")
+        count = int(reported("messages"))
+        os.write(ours, b"\x1b[C\x1b[C")
+        peer.spin_until(lambda: int(reported("messages")) >= count + 2, what="two steps")
+        # Up twice and down once: 10 % of what it was each time.
+        os.write(ours, b"\x1b[A\x1b[A\x1b[B")
+        peer.spin_until(lambda: reported("rate") == f"{0.05 * 1.1 * 1.1 * 0.9:g}", what="the rate")
+        # One may have been on its way when the pause came.
+        assert int(reported("messages")) <= count + 3
+        os.write(ours, b"\x03")
+        assert running.wait() == 0
+    assert termios.tcgetattr(theirs) == before
+
+
 def test_merged_bags_as_fast_as_they_are_acknowledged(nodes, tmp_path):
     one = [("/a", BEGIN + index * 400 * MS, point(index)) for index in range(1000)]
     two = [("/a", time + 200 * MS, point(index + 0.5)) for index, (_, time, _) in enumerate(one)]
@@ -79,7 +116,7 @@ def test_merged_bags_as_fast_as_they_are_acknowledged(nodes, tmp_path):
     replay = play(
         nodes,
         first,
-        {name: (Point, DEEP) for name in ("/a", "/b")},
+        {name: (Point, KEEP_ALL) for name in ("/a", "/b")},
         bags=[str(second)],
         as_fast_as_possible=True,
         max_unacknowledged=100,
@@ -92,7 +129,7 @@ def test_merged_bags_as_fast_as_they_are_acknowledged(nodes, tmp_path):
 
 def test_a_subscriber_that_takes_nothing_stops_the_replay_or_is_named(nodes, long_bag, capfd):
     silent = Node("silent", context=nodes.peer.context)
-    silent.create_subscription(Point, "/a", print, DEEP)
+    silent.create_subscription(Point, "/a", print, KEEP_ALL)
     waits = {"start_paused": False, "rate": 1000.0, "wait_for_topics": ["/a"]}
     # Without an end to its patience, it waits until it is stopped.
     with Replay(nodes, long_bag, {}, **waits, wait_acked_timeout=0.0) as replay:

@@ -4,11 +4,11 @@ import io
 import re
 
 import pytest
-from bag_makers import BEGIN, point
-from geometry_msgs.msg import Twist
+from bag_makers import BEGIN, POINT, STRING, point, string
+from geometry_msgs.msg import Point
 from mcap.reader import make_reader
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message, serialize_message
+from recorders import BEST_EFFORT, DEEP_LATCHED, KEEP_ALL
 from replay_nodes import Replay, play
 from replays import MS, write_mcap
 from rosgraph_msgs.msg import Clock
@@ -22,25 +22,12 @@ from diffbot_core.errors import DiffbotError
 
 pytestmark = pytest.mark.graph
 
-DEEP = QoSProfile(history=HistoryPolicy.KEEP_ALL)
-DEEP_LATCHED = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-BEST_EFFORT = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
 TOPICS = {
-    "/a": (Twist, DEEP),
-    "/noise": (Twist, BEST_EFFORT),
+    "/a": (Point, KEEP_ALL),
+    "/noise": (Point, BEST_EFFORT),
     "/text": (String, DEEP_LATCHED),
     "/clock": (Clock, BEST_EFFORT),
 }
-
-
-def twist(x):
-    message = Twist()
-    message.linear.x = float(x)
-    return bytes(serialize_message(message))
-
-
-def string(text):
-    return bytes(serialize_message(String(data=text)))
 
 
 def clock(seconds):
@@ -62,14 +49,14 @@ def write_bag(folder, topics, messages):
 def bag(tmp_path_factory):
     """One second: /a and /noise at 100 Hz, a latched text at 0 s and 0.3 s, a recorded /clock of 1970."""
     topics = {
-        "/a": ("geometry_msgs/msg/Twist", Qos()),
-        "/noise": ("geometry_msgs/msg/Twist", Qos(reliability="best_effort")),
-        "/text": ("std_msgs/msg/String", Qos(durability="transient_local")),
+        "/a": (POINT, Qos()),
+        "/noise": (POINT, Qos(reliability="best_effort")),
+        "/text": (STRING, Qos(durability="transient_local")),
         "/clock": ("rosgraph_msgs/msg/Clock", Qos(reliability="best_effort")),
     }
     times = [BEGIN + index * 10 * MS for index in range(101)]
-    messages = [("/a", time, twist(index)) for index, time in enumerate(times)]
-    messages += [("/noise", time + 1, twist(-index)) for index, time in enumerate(times)]
+    messages = [("/a", time, point(index)) for index, time in enumerate(times)]
+    messages += [("/noise", time + 1, point(-index)) for index, time in enumerate(times)]
     messages += [("/text", times[index] + 2, string(f"text at {index}")) for index in (0, 30)]
     messages += [("/clock", times[index] + 3, clock(index)) for index in range(0, 101, 10)]
     messages.sort(key=lambda message: message[1])
@@ -111,7 +98,7 @@ def test_offset_duration_and_rate_but_the_latched_message_of_before_comes(nodes,
 
 
 def test_until_selection_and_both_kinds_of_remapping(nodes, bag):
-    topics = {"/b": (Twist, DEEP), "/robot/text": (String, DEEP_LATCHED)}
+    topics = {"/b": (Point, KEEP_ALL), "/robot/text": (String, DEEP_LATCHED)}
     replay = play(
         nodes,
         bag,
@@ -163,12 +150,12 @@ def test_the_recorded_qos_is_offered_or_the_one_of_a_file(nodes, bag, tmp_path):
 
 
 def test_a_type_that_is_not_installed_is_named_once_and_the_rest_played(nodes, tmp_path, capfd):
-    topics = {"/a": ("geometry_msgs/msg/Twist", Qos()), "/b": ("my_msgs/msg/Thing", Qos())}
-    messages = [(topic, BEGIN + index, twist(index)) for index in range(5) for topic in topics]
+    topics = {"/a": (POINT, Qos()), "/b": ("my_msgs/msg/Thing", Qos())}
+    messages = [(topic, BEGIN + index, point(index)) for index in range(5) for topic in topics]
     run = write_bag(tmp_path / "run", topics, messages)
     replay = play(nodes, run, {"/a": TOPICS["/a"]})
     assert capfd.readouterr().err.count("/b is not played: type my_msgs/msg/Thing is not installed") == 1
-    assert replay.of("/a") == [twist(index) for index in range(5)]
+    assert replay.of("/a") == [point(index) for index in range(5)]
     with pytest.raises(DiffbotError, match=r"no topic of .* can be published"):
         Replay(nodes, run, {}, topics=["/b"])
 
@@ -190,7 +177,7 @@ def test_damage_found_while_playing_is_one_line_and_status_one(nodes, bag, tmp_p
     [
         ({"uri": ""}, "uri = '': must be the folder of a bag or an MCAP file"),
         ({"uri": "silent"}, "has no message to play"),
-        ({"bags": ["other.mcap"]}, "/a is geometry_msgs/msg/Twist in"),
+        ({"bags": ["other.mcap"]}, "/a is geometry_msgs/msg/Point in"),
         ({"remap": ["a"]}, "remap = 'a': must be old:=new"),
         ({"burst": 3, "start_paused": False}, "burst = 3: must be 0, unless start_paused is true"),
         ({"qos_profile_overrides_path": "qos.yaml"}, "/a: not a QoS profile: {"),
@@ -199,7 +186,7 @@ def test_damage_found_while_playing_is_one_line_and_status_one(nodes, bag, tmp_p
 def test_what_it_refuses_to_start_with(nodes, bag, tmp_path, monkeypatch, parameters, words):
     monkeypatch.chdir(tmp_path)
     BagWriter(tmp_path / "silent").close()
-    write_mcap(tmp_path / "other.mcap", [("/a", BEGIN, point(0))])
+    write_mcap(tmp_path / "other.mcap", [("/a", BEGIN, string(""))], kind=STRING)
     (tmp_path / "qos.yaml").write_text("/a: {depth: none}\n")
     with pytest.raises(DiffbotError, match=re.escape(words)):
         Replay(nodes, parameters.pop("uri", bag), {}, **parameters)

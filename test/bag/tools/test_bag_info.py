@@ -3,8 +3,8 @@
 import foreign_bags
 import numpy as np
 import pytest
-from rosbags.highlevel import AnyReader
-from rosbags.typesys import Stores, get_typestore
+import view_bags
+from bag_makers import read
 
 from diffbot_bag.mcap.format import MAX_TIME
 from diffbot_bag.tools import bag_info
@@ -12,11 +12,17 @@ from diffbot_bag.tools.bag_info import read_info
 from diffbot_bag.tools.topic_figures import TopicMeter
 from diffbot_core.errors import DiffbotError
 
+
+def by_rosbags(folder, rows):
+    """Write with rosbags, which gives no sequence numbers."""
+    return view_bags.write(folder, ((topic, time, message) for topic, time, _, message in rows))
+
+
 MAKERS = {
     "mcap zstd": lambda folder: foreign_bags.write_folder(folder, foreign_bags.irregular()),
     "mcap lz4, three files": lambda folder: foreign_bags.write_folder(folder, foreign_bags.irregular(), "lz4", 3),
     "mcap without compression": lambda folder: foreign_bags.write_folder(folder, foreign_bags.irregular(), "none"),
-    "rosbags": lambda folder: foreign_bags.write_rosbags(folder, foreign_bags.irregular()),
+    "rosbags": lambda folder: by_rosbags(folder, foreign_bags.irregular()),
 }
 
 
@@ -27,13 +33,12 @@ def bag(request, tmp_path_factory):
 
 def independent(path):
     """Log times, sizes and stamps of each topic, as rosbags reads them."""
+    sizes = {topic: [(time, len(data)) for time, data in rows] for topic, rows in read(path, raw=True).items()}
     found = {}
-    with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
-        for connection, time, data in reader.messages():
-            message = reader.deserialize(data, connection.msgtype)
-            header = getattr(message, "header", None)
-            stamp = None if header is None else header.stamp.sec * 10**9 + header.stamp.nanosec
-            found.setdefault(connection.topic, []).append((time, len(data), stamp))
+    for topic, rows in read(path).items():
+        headers = [getattr(message, "header", None) for _, message in rows]
+        stamps = [header and header.stamp.sec * 10**9 + header.stamp.nanosec for header in headers]
+        found[topic] = [(*row, stamp) for row, stamp in zip(sizes[topic], stamps, strict=True)]
     return found
 
 
@@ -79,7 +84,7 @@ def test_missing_sequence_numbers_are_lost_messages(tmp_path):
     info = read_info(foreign_bags.write_folder(tmp_path / "run", foreign_bags.irregular(), files=3))
     assert lost_in(info) == {"/odom": 30, "/pose": 6, "/cmd_vel": None}
     assert info.lost == 36
-    info = read_info(foreign_bags.write_rosbags(tmp_path / "rosbags", foreign_bags.irregular(1.0)))
+    info = read_info(by_rosbags(tmp_path / "rosbags", foreign_bags.irregular(1.0)))
     assert lost_in(info) == {"/odom": None, "/pose": None, "/cmd_vel": None}
     assert info.lost is None
 

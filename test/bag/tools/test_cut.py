@@ -5,7 +5,7 @@ from contextlib import ExitStack
 import cut_bags
 import pytest
 from bag_makers import definition as definition_of
-from cut_bags import BEGIN, MAKERS, POINT, STEP, STRING, Given, by_rosbags, check_metadata, facts, files_of
+from cut_bags import BEGIN, MAKERS, POINT, STEP, STRING, Given, facts, files_of, write_new
 from damaged_bags import messages_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -32,13 +32,8 @@ def zstd_bag(tmp_path_factory):
 
 
 def make(out, plan, *paths):
-    done = []
     with ExitStack() as stack:
-        new = plan(*(stack.enter_context(SourceBag(path)) for path in paths))
-        new.write(out, done.append)
-        assert sum(done) == new.size
-    found = check_metadata(out)
-    assert sorted(by_rosbags(out)) == sorted((one.topic, one.log_time, one.data) for one in found)
+        found = write_new(plan(*(stack.enter_context(SourceBag(path)) for path in paths)), out)
     assert [one.name for one in out.parent.iterdir() if one.name.endswith(".part")] == []
     return found
 

@@ -12,10 +12,10 @@ import subprocess
 import sys
 from collections import Counter
 
-import bag_makers
 import cut_bags
 import damaged_bags
 import pytest
+from bag_makers import write_mcap
 from damaged_bags import BEGIN, HASH, POINT, STEP, TOPICS
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
@@ -256,11 +256,8 @@ def test_what_a_killed_repair_left_is_deleted_by_the_next_one(tmp_path):
 
 @pytest.mark.parametrize("chunk_size", [100, 10**6])
 def test_messages_with_an_impossible_log_time_are_left_out_and_counted(tmp_path, chunk_size):
-    source, stream = tmp_path / "run.mcap", io.BytesIO()
-    with bag_makers.mcap_writing(stream, {"/a": (POINT, {})}, chunk_size=chunk_size) as (writer, channels):
-        for time in (1, 2, 2**62, 2**62 + 1, 2**63):
-            writer.add_message(channels["/a"], time, bytes(28), time)
-    source.write_bytes(stream.getvalue())
+    messages = [("/a", time, bytes(28)) for time in (1, 2, 2**62, 2**62 + 1, 2**63)]
+    source = write_mcap(tmp_path / "run.mcap", {"/a": (POINT, {})}, messages, chunk_size=chunk_size)
     with pytest.raises(DiffbotError, match="log time 9223372036854775808 ns: must be <= "):
         BagReader(source)
     result = repair_bag(source, tmp_path / "fixed")
@@ -328,11 +325,9 @@ def test_a_file_that_grows_or_a_full_disk_leaves_nothing(tmp_path, monkeypatch):
 
 
 def test_a_bomb_and_endless_false_chunks_are_refused(tmp_path):
-    source, stream = tmp_path / "run.mcap", io.BytesIO()
-    with bag_makers.mcap_writing(stream, {"/a": (POINT, {})}, chunk_size=15 * 2**20) as (writer, channels):
-        for index in range(4):
-            writer.add_message(channels["/a"], index, bytes(20 * 2**20), 0)
-    source.write_bytes(stream.getvalue()[:-20])
+    messages = (("/a", index, bytes(20 * 2**20)) for index in range(4))
+    source = write_mcap(tmp_path / "run.mcap", {"/a": (POINT, {})}, messages, chunk_size=15 * 2**20)
+    source.write_bytes(source.read_bytes()[:-20])
     assert "max_compression_ratio" in refused(tmp_path, source, tmp_path / "fixed")
     result = repair_bag(source, tmp_path / "fixed", BagLimits(1e9, 2**20))
     assert (result.message_count, result.files[0].salvaged.loss.chunks) == (0, 4)

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+import view_bags
 from bag_makers import STORE
 from hypothesis import given
 from hypothesis import strategies as st
@@ -25,17 +26,11 @@ def test_types_with_a_header_are_recognised_by_their_definition():
 @pytest.mark.parametrize("little_endian", [True, False])
 def test_stamps_of_both_byte_orders(little_endian):
     kind, times = "std_msgs/msg/Header", [(1_700_000_000, 123_456_789), (-5, 4), (0, 7), (2**31 - 1, 999_999_999)]
-    time_type = STORE.types["builtin_interfaces/msg/Time"]
-    heads = [
-        bytes(
-            STORE.serialize_cdr(
-                STORE.types[kind](stamp=time_type(sec=sec, nanosec=nanosec), frame_id="map"),
-                kind,
-                little_endian=little_endian,
-            )
-        )[:12]
-        for sec, nanosec in times
-    ]
+    heads = []
+    for sec, nanosec in times:
+        stamp = view_bags.make("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
+        message = view_bags.make(kind, stamp=stamp, frame_id="map")
+        heads.append(bytes(STORE.serialize_cdr(message, kind, little_endian=little_endian))[:12])
     assert stamps_of(heads).tolist() == [sec * 10**9 + nanosec for sec, nanosec in times]
 
 

@@ -15,7 +15,7 @@ WINDOW = 50
 def result(kind, topic, messages):
     observer = observers_for({topic: kind})[topic]
     for message in messages:
-        observer.add(5, bytes(view_bags.STORE.serialize_cdr(message, kind)))
+        observer.add(5, view_bags.data_of((kind, message)))
     return observer.result()
 
 

@@ -196,6 +196,17 @@ def recording():
     return record(Errors(0.03, -0.02, 0.04), seed=3, seconds=20.0)
 
 
+def feed(target, odometry, measured, rates=()):
+    """Give a filter the steps of the odometry, each after all that was measured until then."""
+    measured, rates = list(measured), list(rates)
+    for step in odometry:
+        while rates and rates[0].stamp <= step.stamp:
+            target.on_gyro(rates.pop(0))
+        while measured and measured[0].stamp <= step.stamp:
+            target.on_measurement(measured.pop(0))
+        target.on_odometry(step)
+
+
 def others(recording):
     """Headings, and landmarks: both numbers, a range or a bearing, one of twenty misread."""
     rng, found = np.random.default_rng(5), []
@@ -241,11 +252,7 @@ def test_innovations_are_those_of_the_filter(recording, case):
     measured.sort(key=lambda one: one.stamp)
     filtered, collector = RecordingLocalization(config), Collector()
     for target in (filtered, collector):
-        waiting = list(measured)
-        for step in recording.odometry:
-            while waiting and waiting[0].stamp <= step.stamp:
-                target.on_measurement(waiting.pop(0))
-            target.on_odometry(step)
+        feed(target, recording.odometry, measured)
     found = run_events(collector.events(case), given_prior(config), settings_of(config)._replace(split=True))
     rows = found.result[found.result[:, kernel.NUMBERS] > 0]
     expected = filtered.innovations
@@ -270,14 +277,8 @@ def test_turn_rates_act_as_in_the_filter():
     config = build(EkfNodeConfig, WIDE | {"use_gyro": True})
     filtered, collector = RecordingLocalization(config), Collector()
     for target in (filtered, collector):
-        fixes, rates = list(recording.fixes), list(recording.gyro)
-        target.on_measurement(fixes.pop(0))
-        for step in recording.odometry:
-            while rates and rates[0].stamp <= step.stamp:
-                target.on_gyro(rates.pop(0))
-            while fixes and fixes[0].stamp <= step.stamp:
-                target.on_measurement(fixes.pop(0))
-            target.on_odometry(step)
+        target.on_measurement(recording.fixes[0])
+        feed(target, recording.odometry, recording.fixes[1:], recording.gyro)
     found = run_events(collector.events("gyro"), given_prior(config), settings_of(config)._replace(split=True))
     fixes = [one for one in filtered.innovations if one.source.sensor == "fixes"]
     rows = found.result[found.result[:, kernel.NUMBERS] > 0]
@@ -349,13 +350,8 @@ def test_term_is_the_gaussian_density_of_the_innovation_with_scaled_deviations(r
     config = build(EkfNodeConfig, WIDE | {"gate_probability": 1.0})
     filtered, collector = RecordingLocalization(config), Collector()
     scale = np.diag([2.0, 2.0, 3.0])
-    pairs = zip(recording.odometry[::2], recording.odometry[1::2], strict=True)
-    for fix, pair in zip(recording.fixes, pairs, strict=False):
-        filtered.on_measurement(replace(fix, R=scale @ fix.R @ scale))
-        collector.on_measurement(fix)
-        for step in pair:
-            filtered.on_odometry(step)
-            collector.on_odometry(step)
+    feed(filtered, recording.odometry, [replace(fix, R=scale @ fix.R @ scale) for fix in recording.fixes])
+    feed(collector, recording.odometry, recording.fixes)
     settings = settings_of(config)._replace(factors=np.array([[1.0, 1.0], [1.0, 1.0], [2.0, 3.0], [1.0, 1.0]]))
     found = run_events(collector.events("gauss"), given_prior(config), settings)
     expected = [stats.multivariate_normal(np.zeros(3), one.S).logpdf(one.y) for one in filtered.innovations]
@@ -365,10 +361,7 @@ def test_term_is_the_gaussian_density_of_the_innovation_with_scaled_deviations(r
 
 def test_averaged_odometry_keeps_the_way_and_its_variance(recording):
     collector = Collector()
-    for fix in recording.fixes:
-        collector.on_measurement(fix)
-    for step in recording.odometry:
-        collector.on_odometry(step)
+    feed(collector, recording.odometry, recording.fixes)
     fine = collector.events("fine")
     coarse = averaged(fine, 0.5)
     for events in (fine, coarse):

@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 import yaml
-from dataset_files import LANDMARKS, OMEGA, RADIUS, T0, measured, read, truth_at, write_labyrinth, write_mrclam
+from bag_makers import read
+from dataset_files import LANDMARKS, OMEGA, RADIUS, T0, measured, truth_at, write_labyrinth, write_mrclam
 from robot import planar, stamp, turned
 
 from diffbot_control.ros.messages.landmark_cloud import landmark_points

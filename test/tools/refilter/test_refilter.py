@@ -3,7 +3,7 @@
 import contextlib
 import math
 
-import dataset_files
+import bag_makers
 import numpy as np
 import pytest
 import rclpy
@@ -48,7 +48,7 @@ def refiltered(bag):
 
 
 def read(path):
-    return {topic: [message for _, message in rows] for topic, rows in dataset_files.read(path).items()}
+    return {topic: [message for _, message in rows] for topic, rows in bag_makers.read(path).items()}
 
 
 def row(message):
@@ -140,7 +140,11 @@ def test_parameters_of_a_file_are_used(bag, refiltered, tmp_path):
 
 def test_topic_of_another_name_is_remapped(tmp_path):
     path = tmp_path / "bag"
-    write_odometry(path, "/robot/odom")
+    message = NumbersMessage(ODOMETRY, "odom", "base_link")
+    with new_bag(path) as writer:
+        channel = writer.add_topic("/robot/odom", ODOMETRY)
+        for stamp in (10**9, 2 * 10**9, 3 * 10**9):
+            writer.write(channel, message.encode(stamp), stamp, stamp)
     params = tmp_path / "p.yaml"
     params.write_text("/**/ekf: {ros__parameters: {}}\n")
     with pytest.raises(
@@ -152,14 +156,6 @@ def test_topic_of_another_name_is_remapped(tmp_path):
     with pytest.raises(DiffbotError, match=r"no estimate: /robot/odom: no fix yet \(3\)"):
         run(path, params, tmp_path / "out", None, {"odom": "/robot/odom"})
     assert not (tmp_path / "out").exists()
-
-
-def write_odometry(path, topic):
-    message = NumbersMessage(ODOMETRY, "odom", "base_link")
-    with new_bag(path) as writer:
-        channel = writer.add_topic(topic, ODOMETRY)
-        for stamp in (10**9, 2 * 10**9, 3 * 10**9):
-            writer.write(channel, message.encode(stamp), stamp, stamp)
 
 
 def test_a_file_of_a_whole_robot_is_read(tmp_path):

@@ -27,10 +27,6 @@ def found(curves):
     return causes(curves, 2.0, END, PRESETS["tuned"], WHEELS)
 
 
-def cut(columns, begin, end):
-    return {name: values[(columns["t"] < begin) | (columns["t"] > end)] for name, values in columns.items()}
-
-
 def test_a_drive_without_a_fault():
     assert found(drive()) == []
 
@@ -46,7 +42,8 @@ def test_a_drive_without_a_fault():
 )
 def test_what_did_not_come(role, begin, end, words):
     curves = drive()
-    curves[role] = cut(curves[role], begin, end)
+    is_kept = (curves[role]["t"] < begin) | (curves[role]["t"] > end)
+    curves[role] = {name: values[is_kept] for name, values in curves[role].items()}
     assert found(curves) == ([(WARNING, words)] if words else [])
 
 

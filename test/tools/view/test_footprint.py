@@ -3,7 +3,6 @@
 import math
 import time
 
-import browser
 import pytest
 import view_bags
 from requirements import ROOT
@@ -65,17 +64,16 @@ def test_what_is_no_footprint(text):
 
 
 @pytest.mark.graph
-def test_the_page_draws_the_box_of_the_bag(tmp_path):
-    message = view_bags.make("std_msgs/msg/String", data=TURNED)
-    assert read_footprint(bytes(view_bags.STORE.serialize_cdr(message, "std_msgs/msg/String"))) is not None
-    messages = [("/robot_description", view_bags.BEGIN, ("std_msgs/msg/String", message)), *view_bags.drive(100)]
+def test_the_page_draws_the_box_of_the_bag(new_page, tmp_path):
+    description = "std_msgs/msg/String", view_bags.make("std_msgs/msg/String", data=TURNED)
+    assert read_footprint(view_bags.data_of(description)) is not None
+    messages = [("/robot_description", view_bags.BEGIN, description), *view_bags.drive(100)]
     write_report(view_bags.write(tmp_path / "bag", messages), tmp_path / "page.html")
-    with browser.chromium() as new_page:
-        page = new_page().open((tmp_path / "page.html").as_uri())
-        page.get("Object.assign(diffbotPage.view, { scale: 120 }, diffbotPage.robot.curves.truth.poseAt(0))")
-        page.get("['estimate', 'odometry', 'ellipses'].forEach((one) => diffbotPage.hidden.add(one))")
-        page.get("diffbotPage.player.go(0)")
-        page.next_frame()
-        # At the start it faces y: its front, 1.3 m away, lies above the middle, and its left side to the left.
-        top, left, right = page.get(OUTLINE)
-        assert (top, left, right) == pytest.approx((120 * 1.3, 120 * 0.7, 120 * 0.1), abs=3)
+    page = new_page().open((tmp_path / "page.html").as_uri())
+    page.get("Object.assign(diffbotPage.view, { scale: 120 }, diffbotPage.robot.curves.truth.poseAt(0))")
+    page.get("['estimate', 'odometry', 'ellipses'].forEach((one) => diffbotPage.hidden.add(one))")
+    page.get("diffbotPage.player.go(0)")
+    page.next_frame()
+    # At the start it faces y: its front, 1.3 m away, lies above the middle, and its left side to the left.
+    top, left, right = page.get(OUTLINE)
+    assert (top, left, right) == pytest.approx((120 * 1.3, 120 * 0.7, 120 * 0.1), abs=3)

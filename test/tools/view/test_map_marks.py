@@ -2,7 +2,6 @@
 
 import math
 
-import browser
 import numpy as np
 import pytest
 import view_bags
@@ -21,12 +20,6 @@ TREE, POST = (2.0, 0.5), (-1.5, 5.0)
 CORNERS = ((0.0, 0.0), (1.5, 0.5), (1.5, 1.5))
 LANDMARK, PLAN = (26, 28, 30), (168, 68, 127)
 """Colours of the light style."""
-
-
-@pytest.fixture(scope="module")
-def new_page():
-    with browser.chromium() as make:
-        yield make
 
 
 def seen(place, time):
@@ -145,8 +138,7 @@ def test_the_near_region_is_drawn_around_the_goal(page):
 
 
 def cloud_of(stamp, *landmarks, frame="base_link"):
-    kind, message = view_bags.cloud(stamp, *landmarks, frame=frame)
-    return read_cloud(bytes(view_bags.STORE.serialize_cdr(message, kind)))
+    return read_cloud(view_bags.data_of(view_bags.cloud(stamp, *landmarks, frame=frame)))
 
 
 def test_a_live_cloud_waits_for_the_estimate_of_its_time():

@@ -84,28 +84,27 @@ def test_a_long_bag_is_thinned(run_of_circle, monkeypatch):
     assert 20 < curves["truth"]["rows"] <= 200
 
 
-def test_goals_of_a_service_come_from_the_status(tmp_path):
-    def messages():
-        for second, goal in enumerate(("1 2 0.5", "1 2 0.5", "-3 0 0", "nonsense")):
-            time = BEGIN + second * 10**9
-            yield "/odom", time, view_bags.odometry(time, 0.0, 0.0, 0.0)
-            yield "/controller/status", time, view_bags.status("/controller", "driving", goal=goal)
-
-    goals = only_robot(bag(tmp_path, messages())).goals
-    assert [(goal.time, tuple(goal.pose)) for goal in goals] == [(0.0, (1.0, 2.0, 0.5)), (2.0, (-3.0, 0.0, 0.0))]
-
-
-def test_a_corrected_goal_has_its_last_pose_and_is_none_of_its_own(tmp_path):
-    shown = [{"goal": "1 2 0.5"}, *({"goal": f"1.{n} 2.{n} 0.4", "goal updates": f"{n}"} for n in (1, 5, 9))]
+def goals_of_statuses(folder, *statuses):
+    """Return (time, pose) of the goals in a bag without goal messages: its controller reports these, one a second."""
 
     def messages():
-        for second, values in enumerate((*shown, {"goal": "-3 0 0"})):
+        for second, values in enumerate(statuses):
             time = BEGIN + second * 10**9
             yield "/odom", time, view_bags.odometry(time, 0.0, 0.0, 0.0)
             yield "/controller/status", time, view_bags.status("/controller", "driving", **values)
 
-    goals = only_robot(bag(tmp_path, messages())).goals
-    assert [(goal.time, tuple(goal.pose)) for goal in goals] == [(0.0, (1.9, 2.9, 0.4)), (4.0, (-3.0, 0.0, 0.0))]
+    return [(goal.time, tuple(goal.pose)) for goal in only_robot(bag(folder, messages())).goals]
+
+
+def test_goals_of_a_service_come_from_the_status(tmp_path):
+    found = goals_of_statuses(tmp_path, *({"goal": goal} for goal in ("1 2 0.5", "1 2 0.5", "-3 0 0", "nonsense")))
+    assert found == [(0.0, (1.0, 2.0, 0.5)), (2.0, (-3.0, 0.0, 0.0))]
+
+
+def test_a_corrected_goal_has_its_last_pose_and_is_none_of_its_own(tmp_path):
+    shown = [{"goal": "1 2 0.5"}, *({"goal": f"1.{n} 2.{n} 0.4", "goal updates": f"{n}"} for n in (1, 5, 9))]
+    found = goals_of_statuses(tmp_path, *shown, {"goal": "-3 0 0"})
+    assert found == [(0.0, (1.9, 2.9, 0.4)), (4.0, (-3.0, 0.0, 0.0))]
 
 
 def test_only_transforms(tmp_path):
@@ -159,10 +158,10 @@ def test_what_cannot_be_reported_is_one_line(circle, tmp_path):
 def bag_with_parameters(folder, noted):
     channels = {}
     with new_bag(folder) as writer:
-        for topic, time, (kind, message) in view_bags.drive(20):
+        for topic, time, message in view_bags.drive(20):
             if topic not in channels:
-                channels[topic] = writer.add_topic(topic, kind)
-            writer.write(channels[topic], bytes(view_bags.STORE.serialize_cdr(message, kind)), time, time)
+                channels[topic] = writer.add_topic(topic, message[0])
+            writer.write(channels[topic], view_bags.data_of(message), time, time)
         writer.attach("parameters.json", "application/json", json.dumps({"/controller": noted}).encode())
 
 
