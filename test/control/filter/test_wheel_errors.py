@@ -15,27 +15,10 @@ from diffbot_sim.compiled.gated_filter import check_supported
 
 
 @pytest.mark.parametrize("variant", ["ekf_calibrating", "ekf_fnn_calibrating"])
-@pytest.mark.parametrize("errors", [(0.025, -0.02), (0.0, 0.03)])
-def test_radius_errors_are_found(variant, errors):
-    robot = Robot(np.random.default_rng(7), errors)
-    found = gated_filter(variant, wheel_separation_sigma=0.02)
-    for step in range(450):
-        found.predict(robot.move(*winding(step)))
-        if step % 2 == 0:
-            found.take(robot.fix())
-    x, P = found.memory.belief
-    sigma = np.sqrt(P.diagonal()[3:])
-    assert sigma[:2].max() < 0.2 * 0.02
-    assert sigma[2] < 0.7 * 0.02
-    # The separation is as the filter knows it.
-    assert (np.abs(x[3:] - (*errors, 0.0)) < 3.5 * sigma).all()
-    assert np.hypot(*(x[:2] - robot.truth[:2])) < 0.15
-
-
-def test_an_error_of_the_wheel_separation_is_found_beside_those_of_the_radii():
+def test_errors_of_the_radii_and_of_the_wheel_separation_are_found(variant):
     # Wheels 10 % further apart than the filter knows: the robot of the test has the right distance.
     robot, true = Robot(np.random.default_rng(4), (-0.03, 0.02)), np.array([-0.03, 0.02, 0.1])
-    options = options_of(FilterConfig(wheel_radius_sigma=0.1, wheel_separation_sigma=0.1))
+    options = options_of(FilterConfig(variant, wheel_radius_sigma=0.1, wheel_separation_sigma=0.1))
     found = GatedFilter(options, SEPARATION / 1.1)
     found.reset_to(Pose(0.0, 0.0, 0.0), R_FIX)
     for step in range(1500):

@@ -2,7 +2,6 @@
 
 import math
 
-import numpy as np
 import pytest
 
 from diffbot_control.goals import Supervisor, SupervisorConfig
@@ -232,40 +231,6 @@ def test_a_pose_whose_stamp_stands_still_is_no_sign_of_life():
     story.supervisor.on_goal(GOAL)
     assert story.pose() == command
     assert story.state == DRIVING
-
-
-def drive_exactly(story, pose, goals):
-    """Drive a unicycle without noise and correct the goal at each step while ``goals`` last; return its last pose."""
-    supervisor, dt = story.supervisor, 0.1
-    for goal in (*goals, *[None] * 600):
-        if goal is not None:
-            supervisor.on_goal_update(goal)
-        v, omega = story.pose(pose, dt)
-        # The exact arc of a constant command.
-        chord, heading = v * dt * np.sinc(omega * dt / (2.0 * math.pi)), pose.theta + 0.5 * omega * dt
-        pose = Pose(pose.x + chord * math.cos(heading), pose.y + chord * math.sin(heading), pose.theta + omega * dt)
-        if supervisor.goals.present is None:
-            break
-    return pose
-
-
-def test_a_goal_that_is_seen_better_and_better_is_reached_where_it_is():
-    """The first sight is 0.3 m and 0.2 rad wrong, and each further one less by a thirtieth."""
-    true = Pose(4.0, 1.0, 0.5)
-    story = Story(controller=PRESETS["tuned"])
-    sights = [Pose(4.0 + 0.3 * share, 1.0 - 0.2 * share, 0.5 + 0.2 * share) for share in np.linspace(1.0, 0.0, 30)]
-    story.supervisor.on_goal(sights[0], GoalRequest("a" * 32, "request", story.now))
-    end = drive_exactly(story, Pose(0.0, 0.0, 0.0), sights)
-    (record,) = story.supervisor.goals.ended
-    assert (record.request.id, record.end) == ("a" * 32, "reached")
-    assert story.supervisor.goal == true
-    assert math.hypot(end.x - true.x, end.y - true.y) <= 0.1
-    assert abs(end.theta - true.theta) <= 0.1
-    # An exact goal from the start takes as long: nothing begins anew.
-    sure = Story(controller=PRESETS["tuned"])
-    sure.supervisor.on_goal(true)
-    drive_exactly(sure, Pose(0.0, 0.0, 0.0), [])
-    assert story.now == pytest.approx(sure.now, abs=1.0)
 
 
 def test_a_correction_leaves_memory_command_and_answers_as_they_are():
