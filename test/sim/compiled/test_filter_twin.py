@@ -4,26 +4,21 @@ import math
 
 import numpy as np
 import pytest
+from filter_runs import SEPARATION, wrapped
 
 from diffbot_control.filter.dock import FixNoise
 from diffbot_control.filter.gate import ACCEPTED, REJECTED, RELOCATED
 from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.landmark_calibration import NO_ERRORS
 from diffbot_control.filter.measurements import Heading, LandmarkMeasurement, PoseFix
-from diffbot_control.filter.measurements.gyro import GyroRate
-from diffbot_control.filter.models import Motion, TurnRate, slip_covariance
+from diffbot_control.filter.models import Motion
 from diffbot_control.filter.options import FILTERS, REJECT, WEIGH, FilterConfig, options_of
 from diffbot_core.geometry import Point, Pose
 from diffbot_core.kinematics import Twist, TwistCovariance
 from diffbot_sim.compiled import gated_filter as twin
 from diffbot_sim.compiled.late_fusion import WITH_SENSORS, WITH_WHEELS
 
-SEPARATION = 0.6
 LANDMARKS = ((3.0, 1.0), (-2.0, 4.0), (0.5, -3.0))
-
-
-def wrapped(angle):
-    return math.remainder(angle, 2.0 * math.pi)
 
 
 def twin_fix(pose, R):
@@ -69,13 +64,29 @@ def assert_same_colour(mine, theirs):
     assert numbers[0] == pytest.approx(numbers[1], rel=1e-6, abs=1e-7)
 
 
-def new_arrays(options, example):
-    arrays = np.zeros(1, example.filter.dtype)[0]
-    twin.reset_arrays(arrays, options)
-    return arrays
+class Twins:
+    """The filter and its compiled twin; both get the same."""
+
+    def __init__(self, options, example, pose, R):
+        self.options, self.reference, self.track = options, GatedFilter(options, SEPARATION), twin.new_track()
+        self.arrays, self.seen = np.zeros(1, example.filter.dtype)[0], np.zeros(len(LANDMARKS), example.seen.dtype)
+        twin.reset_arrays(self.arrays, options)
+        self.reference.reset_to(pose, R)
+        self.track = twin.take_fix(self.track, self.arrays, twin_fix(pose, R), options)
+        assert_same(self.reference, self.track, self.arrays, 1e-9)
+
+    def predict(self, motion):
+        self.reference.predict(motion)
+        self.track = twin.advance(self.track, self.arrays, motion, SEPARATION, self.options)
+
+    def take_landmark(self, number, z, time):
+        point = Point(*LANDMARKS[number])
+        self.reference.take(LandmarkMeasurement(round(1e9 * time), *z, np.diag([0.01, 0.004]), point))
+        measured, seen = twin.LandmarkMeasurement(*z, point, 0.01, 0.004), self.seen[number]
+        self.track = twin.take_landmark(self.track, self.arrays, seen, measured, time, self.options)
 
 
-def assert_same(reference, track, arrays, tolerance=1e-9):
+def assert_same(reference, track, arrays, tolerance):
     estimated = reference.wheels()
     wheels = 0 if estimated is None else len(estimated.errors)
     same_belief(arrays["belief"], reference.memory.belief, wheels, tolerance)
@@ -124,21 +135,14 @@ def test_the_compiled_filter_is_filterpys(variant, seed):
     )
     if seed != 2:
         options = options._replace(landmark_errors=NO_ERRORS)
-    example = WITH_SENSORS if seed == 2 else WITH_WHEELS
-    reference, track, arrays = GatedFilter(options, SEPARATION), twin.new_track(), new_arrays(options, example)
-    seen = np.zeros(len(LANDMARKS), example.seen.dtype)
     truth = np.array([*rng.uniform(-1.0, 1.0, 2), math.pi - 0.01 if seed % 2 else rng.uniform(-math.pi, math.pi)])
-    R = random_covariance(rng)
-    reference.reset_to(Pose(*truth), R)
-    track = twin.take_fix(track, arrays, twin_fix(Pose(*truth), R), options)
-    assert_same(reference, track, arrays)
+    twins = Twins(options, WITH_SENSORS if seed == 2 else WITH_WHEELS, Pose(*truth), random_covariance(rng))
+    reference, arrays = twins.reference, twins.arrays
     now, verdicts, kinds = 0.0, set(), ["fix"] * 4 + ["heading", "landmark", "outlier"]
     for step in range(300):
         v, omega, dt = rng.uniform(-1.0, 2.0), rng.uniform(-4.0, 4.0), rng.uniform(0.01, 0.3)
         a, b, rho = *rng.uniform(1e-3, 0.1, 2), rng.uniform(-0.9, 0.9)
-        motion = Motion(Twist(v, omega), dt, TwistCovariance(a * a, rho * a * b, b * b))
-        reference.predict(motion)
-        track = twin.advance(track, arrays, motion, SEPARATION, options)
+        twins.predict(Motion(Twist(v, omega), dt, TwistCovariance(a * a, rho * a * b, b * b)))
         now += dt
         middle = truth[2] + 0.5 * omega * dt
         truth += [v * dt * math.cos(middle), v * dt * math.sin(middle), omega * dt]
@@ -152,39 +156,30 @@ def test_the_compiled_filter_is_filterpys(variant, seed):
             pose = Pose(z[0], z[1], wrapped(z[2]))
             R = random_covariance(rng)
             verdict = reference.take(PoseFix(0, pose, R))
-            track = twin.take_fix(track, arrays, twin_fix(pose, R), options)
-            assert track.newest.fix_outcome == verdict
+            twins.track = twin.take_fix(twins.track, arrays, twin_fix(pose, R), options)
+            assert twins.track.newest.fix_outcome == verdict
             verdicts.add(verdict)
         elif kind == "heading":
             z, variance = wrapped(truth[2] + rng.normal(0.0, 0.1)), rng.uniform(1e-3, 0.05)
             reference.take(Heading(0, z, np.array([[variance]])))
-            track = twin.take_heading(track, arrays, z, variance, options)
+            twins.track = twin.take_heading(twins.track, arrays, z, variance, options)
         else:
             x, y = LANDMARKS[number := rng.integers(3)]
             exact = math.hypot(x - truth[0], y - truth[1]), wrapped(math.atan2(y - truth[1], x - truth[0]) - truth[2])
-            reference.take(LandmarkMeasurement(round(1e9 * now), *exact, np.diag([0.01, 0.004]), Point(x, y)))
-            measured = twin.LandmarkMeasurement(*exact, Point(x, y), 0.01, 0.004)
-            track = twin.take_landmark(track, arrays, seen[number], measured, now, options)
-        assert track.newest.nis == pytest.approx(reference.nis, rel=1e-6)
+            twins.take_landmark(number, exact, now)
+        assert twins.track.newest.nis == pytest.approx(reference.nis, rel=1e-6)
         # Each step is held together by itself: a difference in the last digit must not grow over hundreds of steps.
-        assert_same(reference, track, arrays, 1e-7)
+        assert_same(reference, twins.track, arrays, 1e-7)
     assert verdicts == ({ACCEPTED} if probability == 1.0 else {ACCEPTED, REJECTED, RELOCATED})
 
 
 def test_it_finds_the_same_correlation_of_landmarks():
     """Their errors last 2 s; a kidnapping in between leaves no landmark a partner."""
-    rng, R = np.random.default_rng(1), np.diag([0.01, 0.004])
-    options = options_of(FilterConfig(), landmarks=True)
-    reference, track = GatedFilter(options, SEPARATION), twin.new_track()
-    arrays, seen = new_arrays(options, WITH_SENSORS), np.zeros(len(LANDMARKS), WITH_SENSORS.seen.dtype)
-    start = np.diag([0.03, 0.03, 0.01])
-    reference.reset_to(Pose(0.0, 0.0, 3.0), start)
-    track = twin.take_fix(track, arrays, twin_fix(Pose(0.0, 0.0, 3.0), start), options)
+    rng, options = np.random.default_rng(1), options_of(FilterConfig(), landmarks=True)
+    twins = Twins(options, WITH_SENSORS, Pose(0.0, 0.0, 3.0), np.diag([0.03, 0.03, 0.01]))
     truth, c, errors = np.array([0.0, 0.0, 3.0]), math.exp(-0.1), rng.normal(size=(len(LANDMARKS), 2))
     for step in range(300):
-        motion = Motion(Twist(0.4, 0.3), 0.2, TwistCovariance(4e-4, 1e-5, 4e-4))
-        reference.predict(motion)
-        track = twin.advance(track, arrays, motion, SEPARATION, options)
+        twins.predict(Motion(Twist(0.4, 0.3), 0.2, TwistCovariance(4e-4, 1e-5, 4e-4)))
         middle = truth[2] + 0.03
         truth += [0.08 * math.cos(middle), 0.08 * math.sin(middle), 0.06]
         if step == 150:
@@ -193,37 +188,6 @@ def test_it_finds_the_same_correlation_of_landmarks():
         for number, (x, y) in enumerate(LANDMARKS):
             distance, bearing = math.hypot(x - truth[0], y - truth[1]), math.atan2(y - truth[1], x - truth[0])
             z = distance + 0.1 * errors[number, 0], wrapped(bearing - truth[2] + math.sqrt(0.004) * errors[number, 1])
-            reference.take(LandmarkMeasurement(200_000_000 * step, *z, R, Point(x, y)))
-            measured = twin.LandmarkMeasurement(*z, Point(x, y), 0.01, 0.004)
-            track = twin.take_landmark(track, arrays, seen[number], measured, 0.2 * step, options)
-        assert_same(reference, track, arrays, 1e-6)
-    assert track.landmarks.time == pytest.approx(2.0, rel=0.5)
-
-
-def test_both_notice_a_slip_by_the_gyro():
-    rng, options = np.random.default_rng(4), options_of(FilterConfig(use_gyro=True), landmarks=True)
-    reference, track, arrays = GatedFilter(options, SEPARATION), twin.new_track(), new_arrays(options, WITH_SENSORS)
-    R = np.diag((0.01, 0.01, 0.01))
-    reference.reset_to(Pose(0.0, 0.0, 0.0), R)
-    track = twin.take_fix(track, arrays, twin_fix(Pose(0.0, 0.0, 0.0), R), options)
-    noticed, contradicted = [], 0
-    for step in range(300):
-        lost = np.array((0.0, 0.06 if 100 <= step < 200 else 0.9 if step == 250 else 0.0))
-        noise = rng.normal(0.0, 0.01, 2)
-        speeds = 0.6 * (1.0 + noise)
-        rate = TurnRate(0.6 * np.diff(1.0 - lost).item() / SEPARATION + 0.02, 1e-6)
-        covariance = TwistCovariance(2e-5, 0.0, 2e-4)
-        motion = Motion(Twist(speeds.mean(), np.diff(speeds).item() / SEPARATION), 0.1, covariance, rate)
-        before = reference.wheels().P[0, 0]
-        difference = reference.take_rate(GyroRate(0, rate, motion.twist, covariance, SEPARATION), 0.1)
-        track, slip = twin.take_rate(track, arrays, motion, SEPARATION, options)
-        assert tuple(slip) == pytest.approx(tuple(slip_covariance(difference or 0.0, SEPARATION)))
-        assert track.disagreement == pytest.approx(reference.memory.disagreement, abs=1e-9)
-        if reference.wheels().P[0, 0] > before:
-            noticed.append(step)
-        contradicted += difference is not None
-        reference.predict(motion)
-        track = twin.advance(track, arrays, motion, SEPARATION, options)
-        assert_same(reference, track, arrays, 1e-7)
-    assert {step // 100 for step in noticed} == {1, 2}
-    assert 0 < contradicted < 30
+            twins.take_landmark(number, z, 0.2 * step)
+        assert_same(twins.reference, twins.track, twins.arrays, 1e-6)
+    assert twins.track.landmarks.time == pytest.approx(2.0, rel=0.5)
