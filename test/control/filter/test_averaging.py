@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from filter_runs import Robot, covariance, gated_filter, winding, wrapped
+from filter_runs import covariance
 from scipy.stats import multivariate_normal
 
 from diffbot_control.filter.averaging import average, average_over
@@ -72,20 +72,3 @@ def test_the_heading_stays_within_half_a_turn():
     P[2, 3] = P[3, 2] = 0.05
     found, _ = average_over(np.array([0.0, 0.0, 3.14, -0.1]), P, 3, (0.0, 0.0, 0.0), (0.01, 0.0, 0.0), 0.5)
     assert -np.pi < found[2] < -2.9
-
-
-@pytest.mark.parametrize(("errors", "least", "most"), [((0.0, 0.0), 0.0, 0.9), ((0.03, -0.02), 0.98, 1.02)])
-def test_right_wheels_cost_less_and_wrong_ones_are_still_found(errors, least, most):
-    """Ratio of the squared errors of the heading to those of the filter's own states."""
-    averaged, own = [], []
-    for seed in range(4):
-        robot = Robot(np.random.default_rng(seed), errors)
-        found = gated_filter("ekf_calibrating")
-        for step in range(600):
-            found.predict(robot.move(*winding(step)))
-            if step % 10 == 0:
-                found.take(robot.fix())
-            if step > 100:
-                for errors_of, belief in ((averaged, found.average()), (own, found.memory.belief)):
-                    errors_of.append(wrapped(belief.x[2] - robot.truth[2]) ** 2)
-    assert least < np.mean(averaged) / np.mean(own) < most

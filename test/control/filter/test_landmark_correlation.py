@@ -1,52 +1,46 @@
 """Landmarks whose errors last: the default filter finds out how long, and its covariance stays honest."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from filter_runs import R_FIX, wrapped
+from filter_runs import R_FIX, SEPARATION, Robot, landmark, numbers_of, wrapped
 
 from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.landmark_correlation import NO_PAIRS, Pair, compared, with_pair
-from diffbot_control.filter.measurements import LandmarkMeasurement
-from diffbot_control.filter.models import Motion
 from diffbot_control.filter.options import FilterConfig, options_of
-from diffbot_core.geometry import Point, Pose
-from diffbot_core.kinematics import Twist, TwistCovariance
+from diffbot_core.geometry import Pose
 from diffbot_core.units import NS_PER_S
 
-PLACES = tuple(Point(*one) for one in ((4.0, 4.0), (-4.0, 4.0), (-4.0, -4.0), (4.0, -4.0), (0.0, 7.0)))
+PLACES = (4.0, 4.0), (-4.0, 4.0), (-4.0, -4.0), (4.0, -4.0), (0.0, 7.0)
 SIGMAS = np.array((0.06, 0.03))
 DT = 0.2
-START = np.array((1.0, 0.0, 3.0))
 
 
 class Run:
     """40 s at 5 Hz, all landmarks at each step; the NEES after 16 s."""
 
-    def __init__(self, time, seed, claimed=1.0, **options):
+    def __init__(self, time, seed, **options):
         rng = np.random.default_rng(seed)
-        self.found = GatedFilter(options_of(FilterConfig(**options), landmarks=True), 0.6)
-        x = START.copy()
-        self.found.reset_to(Pose(*x), 1e-4 * R_FIX)
+        robot = Robot(rng, noise=0.06, dt=DT)
+        robot.truth = np.array((1.0, 0.0, 3.0))
+        self.found = GatedFilter(options_of(FilterConfig(**options), landmarks=True), SEPARATION)
+        self.found.reset_to(Pose(*robot.truth), 1e-4 * R_FIX)
         c = math.exp(-DT / time) if time else 0.0
         errors = rng.normal(size=(len(PLACES), 2))
         self.nees, self.square = [], []
         for step in range(1, 200):
-            self.found.predict(Motion(Twist(0.5, 0.3), DT, TwistCovariance(9e-4, 0.0, 9e-4)))
-            v, omega = 0.5 + rng.normal(0.0, 0.03), 0.3 + rng.normal(0.0, 0.03)
-            middle = x[2] + 0.5 * omega * DT
-            x = x + np.array([v * DT * math.cos(middle), v * DT * math.sin(middle), omega * DT])
+            self.found.predict(robot.move(0.5, 0.3))
             errors = c * errors + math.sqrt(1.0 - c * c) * rng.normal(size=errors.shape)
             for place, error in zip(PLACES, errors, strict=True):
-                dx, dy = place.x - x[0], place.y - x[1]
-                z = np.array((math.hypot(dx, dy), math.atan2(dy, dx) - x[2])) + SIGMAS * error
-                R = claimed * np.diag(SIGMAS**2)
+                seen = landmark(robot.truth, place, np.diag(SIGMAS**2))
+                distance, bearing = (numbers_of(seen) + SIGMAS * error).tolist()
                 stamp = round(step * DT * NS_PER_S)
-                self.found.take(LandmarkMeasurement(stamp, z.item(0), wrapped(z.item(1)), R, place))
+                self.found.take(replace(seen, stamp=stamp, range=distance, bearing=wrapped(bearing)))
             if step >= 80:
                 belief = self.found.memory.belief
-                e = belief.x[:3] - x
+                e = belief.x[:3] - robot.truth
                 e[2] = wrapped(e[2])
                 self.nees.append(e @ np.linalg.solve(belief.P[:3, :3], e))
                 self.square.append(e[0] ** 2 + e[1] ** 2)
