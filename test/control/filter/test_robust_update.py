@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from filter_runs import covariance
+from filter_runs import covariance, gated_filter, landmark, wrapped
 
 from diffbot_control.filter.ekf import PoseEkf, Robust
 from diffbot_control.filter.gate import ACCEPTED, WEIGHED
 from diffbot_control.filter.gated_filter import GatedFilter
-from diffbot_control.filter.measurements import FIXES, LANDMARKS, LandmarkMeasurement, PoseFix
+from diffbot_control.filter.measurements import FIXES, LANDMARKS, PoseFix
 from diffbot_control.filter.options import WEIGH, FilterConfig, options_of
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Point, Pose
@@ -20,8 +20,7 @@ R_FIX = np.diag([0.04, 0.05, 0.01])
 LANDMARK = Point(4.0, 1.0)
 
 
-def seeded(seed=3):
-    return covariance(np.random.default_rng(seed), 3, 0.05, 0.2)
+P0 = covariance(np.random.default_rng(3), 3, 0.05, 0.2)
 
 
 def textbook(P, H, R, y, weight=1.0, inflation=1.0):
@@ -31,17 +30,10 @@ def textbook(P, H, R, y, weight=1.0, inflation=1.0):
     return weight * K @ y, P - weight * K @ S @ K.T
 
 
-def filter_at(P=None, **options):
-    found = GatedFilter(options_of(FilterConfig(filter="ekf", **options)), 0.6)
-    found.reset_to(Pose(*X0), seeded() if P is None else P)
-    return found
-
-
-def exact(pose, point=LANDMARK, sigmas=(0.1, 0.05), away=(0.0, 0.0), stamp=0):
-    dx, dy = point.x - pose[0], point.y - pose[1]
-    R = np.diag(np.square(sigmas))
-    distance, bearing = math.hypot(dx, dy) + away[0], math.atan2(dy, dx) - pose[2] + away[1]
-    return LandmarkMeasurement(stamp, distance, math.remainder(bearing, 2.0 * math.pi), R, point)
+def exact(pose, point=LANDMARK, away=(0.0, 0.0), stamp=0):
+    """Return range and bearing, wrong by ``away``."""
+    seen = landmark(pose, point, np.diag((0.01, 0.0025)))
+    return replace(seen, stamp=stamp, range=seen.range + away[0], bearing=wrapped(seen.bearing + away[1]))
 
 
 def landmark_rows(x, point=LANDMARK):
@@ -58,7 +50,7 @@ def linearisation(P, d):
 @pytest.mark.parametrize("inflation", [1.0, 19.0])
 @pytest.mark.parametrize("gate", [math.inf, 0.5])
 def test_the_gain_is_that_of_the_inflated_noise_times_the_weight(inflation, gate):
-    ekf, P = PoseEkf(), seeded()
+    ekf, P = PoseEkf(), P0
     ekf.set_state(X0, P)
     y = np.array([0.3, -0.4, 0.2])
     S = P + R_FIX
@@ -73,10 +65,9 @@ def test_the_gain_is_that_of_the_inflated_noise_times_the_weight(inflation, gate
 
 
 def test_landmarks_beyond_the_gate_are_weighed_and_those_within_are_not():
-    P = seeded()
-    H, d = landmark_rows(X0)
+    P, (H, d) = P0, landmark_rows(X0)
     for away, outcome in (((0.1, 0.02), ACCEPTED), ((8.0, 0.5), WEIGHED)):
-        found = filter_at(landmark_gate=WEIGH)
+        found = gated_filter("ekf", X0, P, landmark_gate=WEIGH)
         measured = exact(X0, away=away)
         R = measured.R + np.diag(linearisation(P, d))
         S = H @ P @ H.T + R
@@ -91,7 +82,7 @@ def test_landmarks_beyond_the_gate_are_weighed_and_those_within_are_not():
 def test_the_inflation_depends_on_the_time_since_the_last_measurement_of_the_same_source(kind):
     times = {LANDMARKS: 2.0, FIXES: 2.0}
     found = GatedFilter(options_of(FilterConfig("ekf", gate_probability=1.0, fix_correlation_time=2.0)), 0.6, times)
-    found.reset_to(Pose(*X0), seeded())
+    found.reset_to(Pose(*X0), P0)
     fix = PoseFix(10**9, Pose(*X0), R_FIX)
     # The fix that the filter starts from counts.
     found.start_from(fix)

@@ -267,14 +267,6 @@ def test_another_goal_fails_with_the_reason_at_once(goal):
     assert docking.reason_to_give_up(run.memory, CONFIG) == "not at the dock nor on the axis before it"
 
 
-def test_a_new_goal_finds_the_robot_in_motion():
-    memory = new_docking_memory(CONFIG)._replace(command=Twist(0.3, -0.5))
-    for goal in (CONTACT, OUT):
-        _, command, _ = docking_step(memory, Estimate(Pose(-2.0, 0.5, 0.3)), goal, DT, CONFIG)
-        assert abs(command.v - 0.3) <= SHEET.a_max * DT + 1e-12
-        assert abs(command.omega + 0.5) <= SHEET.omega_dot_max * DT + 1e-12
-
-
 @pytest.mark.parametrize(("latency", "lag"), [(0.2, 0.0), (0.15, 0.1)])
 def test_it_docks_in_spite_of_dead_time_and_lag(latency, lag):
     sheet = SHEET._replace(command_latency=latency, drive_time_constant=lag)
