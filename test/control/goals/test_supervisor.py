@@ -315,6 +315,20 @@ def test_a_path_is_driven_goal_by_goal_and_the_last_is_held():
     assert route == ROUTE, "the list stays the caller's"
 
 
+def test_waypoints_within_the_radius_are_passed_and_the_last_one_is_reached():
+    story = Story(controller=QUICK, waypoint_radius=0.4)
+    story.supervisor.on_path(list(ROUTE))
+    for number, goal in enumerate(ROUTE[:2], 1):
+        story.pose(goal._replace(x=goal.x + 0.41))
+        assert progress(story) == (number, 3, goal)
+        assert story.pose(goal._replace(x=goal.x + 0.39)).v != 0.0, "without a stop"
+        assert progress(story) == (number + 1, 3, ROUTE[number])
+    for _ in range(2):
+        assert story.state == DRIVING
+        story.pose(ROUTE[2])
+    assert (story.state, story.supervisor.goals_reached) == (REACHED, 1)
+
+
 def test_a_goal_that_takes_too_long_is_given_up_with_the_reason_and_braking():
     config = PAPER._replace(data_sheet=PAPER_DATA_SHEET._replace(a_max=1.0))
     story = Story(controller=config, goal_timeout=2.0)
