@@ -18,8 +18,6 @@ from diffbot_core.geometry import Point, Pose
 X0 = np.array([0.4, -0.3, 0.7])
 R_FIX = np.diag([0.04, 0.05, 0.01])
 LANDMARK = Point(4.0, 1.0)
-
-
 P0 = covariance(np.random.default_rng(3), 3, 0.05, 0.2)
 
 
