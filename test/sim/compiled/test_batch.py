@@ -8,7 +8,7 @@ from scipy import stats
 
 from diffbot_control.filter.landmark_map import LandmarkMap
 from diffbot_control.filter.localization_config import LocalizationConfig
-from diffbot_control.filter.options import FilterConfig, options_of
+from diffbot_control.filter.options import WEIGH, FilterConfig, options_of
 from diffbot_control.law.lyapunov_law import PAPER_GAINS, Gains
 from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.regions import FIXED, FixedRegionPolicy, RegionPolicy
@@ -97,9 +97,11 @@ FAULTS = SensorConfig(
     heading_rate=10.0,
     heading_delay=0.5,
 )
-GYRO = SensorConfig(fix_rate=2.0, gyro_rate=10.0, gyro_bias=0.05, landmark_rate=2.0)
-SLIPPING = PlantConfig(encoder_noise=0.01, slip_left=0.2, slip_start=2.0, slip_duration=6.0)
+GYRO = SensorConfig(fix_rate=2.0, gyro_rate=10.0, gyro_bias=0.05, gyro_error_max=0.001, landmark_rate=2.0)
+SLIPPING = PlantConfig(encoder_noise=0.01, slip_left=0.1, slip_start=4.0, slip_duration=8.0)
 """So much that the gyro contradicts the wheels, and after a while makes their radii uncertain."""
+KIDNAPPED = PlantConfig(kidnap_time=4.0, kidnap_x=4.0, kidnap_y=1.0, kidnap_yaw=1.0)
+WRONG_WHEELS = {"left_radius_error": 0.02, "right_radius_error": -0.01, "wheel_separation_error": 0.03}
 
 
 def fused(sensors, variant="ekf_calibrating", plant=NOISY, **options):
@@ -121,6 +123,30 @@ LATE = {
     "gyro, late fixes": fused(
         GYRO._replace(gyro_rate=4.0, fix_delay=0.25, fix_delay_jitter=0.4), plant=SLIPPING, use_gyro=True
     ),
+    "kidnapped, weighed landmarks": fused(
+        SensorConfig(fix_rate=5.0, fix_outlier=0.2, heading_rate=5.0, landmark_rate=2.0),
+        "ekf_fnn_calibrating",
+        KIDNAPPED,
+        gate_probability=0.9,
+        relocation_timeout=0.8,
+        landmark_gate=WEIGH,
+        wheels_as_configured=0.2,
+        **WRONG_WHEELS,
+    ),
+    "kidnapped, no more fixes": fused(
+        SensorConfig(fix_rate=0.05, heading_rate=5.0, landmark_rate=5.0), "ekf", KIDNAPPED, relocation_timeout=0.8
+    ),
+    # Of the fixes, and of the landmarks, whose offset is not a state.
+    "errors that last": fused(
+        SensorConfig(fix_rate=5.0, fix_noise_correlation=0.9, landmark_rate=5.0),
+        wheel_separation_sigma=0.0,
+        landmark_range_offset=0.5,
+        landmark_range_offset_sigma=0.0,
+        landmark_range_scale_sigma=0.0,
+        landmark_bearing_offset_sigma=0.0,
+        **WRONG_WHEELS,
+    ),
+    "no gate": fused(SensorConfig(fix_rate=5.0, fix_outlier=0.2, heading_rate=5.0), "ekf_fnn", gate_probability=1.0),
 }
 
 
