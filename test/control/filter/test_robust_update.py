@@ -1,4 +1,4 @@
-"""Corrections weaker than R says: correlated errors, landmarks beyond the gate, measurements of one number."""
+"""Corrections weaker than R says: errors that last, inflated as a Markov process; landmarks beyond the gate."""
 
 import math
 from dataclasses import replace
@@ -6,11 +6,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from filter_runs import covariance, gated_filter, landmark, wrapped
+from scipy.linalg import solve_toeplitz
 
+from diffbot_control.filter.correlation import NO_STAMPS, inflation_after, inflation_of, with_stamp
 from diffbot_control.filter.ekf import PoseEkf, Robust
 from diffbot_control.filter.gate import ACCEPTED, WEIGHED
 from diffbot_control.filter.gated_filter import GatedFilter
-from diffbot_control.filter.measurements import FIXES, LANDMARKS, PoseFix
+from diffbot_control.filter.measurements import (
+    FIXES,
+    HEADINGS,
+    LANDMARKS,
+    Heading,
+    LandmarkMeasurement,
+    PoseFix,
+    Source,
+)
 from diffbot_control.filter.options import WEIGH, FilterConfig, options_of
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Point, Pose
@@ -102,3 +112,53 @@ def test_the_adaptation_of_r_and_a_correlation_time_exclude_each_other():
     with pytest.raises(InvalidValueError, match="fix_correlation_time = 2"):
         FilterConfig(filter="ekf_fnn", fix_correlation_time=2.0).check()
     FilterConfig(filter="ekf_fnn", landmark_correlation_time=2.0).check()
+
+
+SECOND = 10**9
+TIMES = {HEADINGS: 3.0, LANDMARKS: 2.0, FIXES: 1.0, "fixes of gps": 4.0}
+"""[s]"""
+
+
+def fix_at(seconds, sensor=FIXES):
+    return PoseFix(round(seconds * SECOND), Pose(1.0, 2.0, 3.0), np.eye(3), Source(sensor))
+
+
+def heading_at(seconds):
+    return Heading(round(seconds * SECOND), 1.0, np.eye(1))
+
+
+def landmark_at(seconds, x=1.0):
+    return LandmarkMeasurement(round(seconds * SECOND), 1.0, 0.5, np.eye(2), Point(x, 2.0))
+
+
+@pytest.mark.parametrize(("dt", "time"), [(0.2, 0.3), (0.5, 2.0), (1.0, 0.1)])
+def test_in_the_long_run_the_measurements_tell_as_much_as_independent_ones_with_the_inflated_variance(dt, time):
+    # Best linear estimate of a constant from n errors of variance 1: its information is 1' V^-1 1.
+    n = 2000
+    information = solve_toeplitz(np.exp(-dt / time) ** np.arange(n), np.ones(n)).sum() / n
+    assert inflation_after(dt, time) == pytest.approx(1.0 / information, rel=0.02)
+
+
+def test_each_source_is_compared_with_itself_and_each_landmark_is_a_source():
+    stamps = NO_STAMPS
+    for one in (
+        fix_at(0.0),
+        fix_at(1.0, sensor="fixes of gps"),
+        heading_at(2.0),
+        landmark_at(3.0),
+        landmark_at(4.0, x=5.0),
+    ):
+        assert inflation_of(stamps, one, TIMES) == 1.0, "the first of its source"
+        before = dict(stamps)
+        after = with_stamp(stamps, one, TIMES)
+        assert dict(stamps) == before, "never changed in place"
+        stamps = after
+    expected = (
+        (fix_at(6.0), 6.0, 1.0),
+        (fix_at(6.0, sensor="fixes of gps"), 5.0, 4.0),
+        (heading_at(6.0), 4.0, 3.0),
+        (landmark_at(6.0), 3.0, 2.0),
+        (landmark_at(6.0, x=5.0), 2.0, 2.0),
+    )
+    for one, dt, time in expected:
+        assert inflation_of(stamps, one, TIMES) == pytest.approx(inflation_after(dt, time))

@@ -1,21 +1,17 @@
-"""One step of the controller, against an implementation of law (17) written anew here; its functions against series."""
+"""One step of the controller, against an implementation of law (17) written anew here."""
 
 import cmath
 import itertools
 import math
-from fractions import Fraction
 
 import pytest
 from driven import ORIGIN, T_S, step
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from diffbot_control.goals.driver import driver_of
 from diffbot_control.law.controller import ControllerMemory, SwitchingLaw, new_memory
 from diffbot_control.law.finish import V_LEG, Finish
 from diffbot_control.law.goal_checker import Settling
 from diffbot_control.law.latency import Actuation
-from diffbot_control.law.lyapunov_law import sinc, tanhc
 from diffbot_control.law.paper.reapproach import RETREATING, Reapproach
 from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.regions import OMEGA_G, OMEGA_L, Switching
@@ -101,17 +97,3 @@ def test_numbers_that_overflow_stop_the_robot(preset):
     after, command, _ = step(memory, Pose(math.nan, 0.0, 0.0), ORIGIN, T_S, PRESETS[preset])
     assert command == after.command == (0.0, 0.0)
     assert not after.reached
-
-
-@settings(max_examples=150)
-@given(st.floats(1e-8, 1e-2))
-def test_sinc_and_tanhc_against_exact_series(x):
-    # Taylor series in exact fractions; the rest is below x^8 = 1e-16 of the value.
-    square = Fraction(x) ** 2
-    sine = 1 - square / 6 + square**2 / 120 - square**3 / 5040
-    tangent = 1 - square / 3 + 2 * square**2 / 15 - 17 * square**3 / 315
-    assert sinc(x) == pytest.approx(float(sine), rel=3e-16)
-    assert tanhc(x) == pytest.approx(float(tangent), rel=3e-16)
-    assert sinc(-x) == sinc(x)
-    assert tanhc(-x) == tanhc(x)
-    assert sinc(0.0) == tanhc(0.0) == 1.0

@@ -8,6 +8,7 @@ from diffbot_control.filter.dock import FixNoise
 from diffbot_control.filter.gate import ACCEPTED, REJECTED
 from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.options import FILTERS, FilterConfig, options_of
+from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose
 from diffbot_sim.compiled import gated_filter as twin
 from diffbot_sim.compiled.late_fusion import WITH_WHEELS
@@ -37,3 +38,9 @@ def test_fixes_with_correlated_errors_are_taken_as_by_filterpys(variant):
         np.testing.assert_allclose(arrays["belief"]["x"][:3], x[:3], rtol=0.0, atol=1e-9)
         np.testing.assert_allclose(arrays["belief"]["P"][:3, :3], P[:3, :3], rtol=0.0, atol=1e-9)
     assert outcomes == {ACCEPTED, REJECTED}
+
+
+def test_the_compiled_filter_refuses_what_it_does_not_have():
+    with pytest.raises(InvalidValueError, match="correlation"):
+        twin.check_supported(options_of(FilterConfig(fix_correlation_time=1.0)))
+    twin.check_supported(options_of(FilterConfig(wheel_separation_sigma=0.1)))
