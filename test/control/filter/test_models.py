@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pytest
 
 from diffbot_control.filter.models import lateral_noise, linearisation_variance, move
 from diffbot_core.geometry import Pose
@@ -14,6 +15,10 @@ def test_a_motion_across_the_robot_adds_its_variance_across():
     across = np.array([-math.sin(0.54), math.cos(0.54)])
     xx, xy, yy = lateral_noise(arc, 0.1, 0.03)
     np.testing.assert_allclose([[xx, xy], [xy, yy]], 0.03 * np.outer(across, across), atol=1e-15)
+
+
+def test_a_motion_past_half_a_turn_is_wrapped():
+    assert move(Pose(0.0, 0.0, 3.0), Twist(0.7, 0.8), 0.5).end.theta == pytest.approx(3.4 - 2.0 * math.pi)
 
 
 def test_the_linearisation_error_by_sampling():
