@@ -16,6 +16,48 @@ def nodes():
         yield running
 
 
+class ActionPeer:
+    """A client of an action of Nav2, of a peer's node; ``name`` is that of the action and of its type."""
+
+    def __init__(self, peer, name):
+        from nav2_msgs import action
+        from rclpy.action import ActionClient
+
+        self.peer, self.feedback = peer, []
+        self.type = getattr(action, name.title().replace("_", ""))
+        self.client = ActionClient(peer.node, self.type, name)
+        peer.spin_until(self.client.server_is_ready, what=f"the action {name}")
+
+    def send(self, on_feedback=lambda feedback: None, **fields):
+        """Send a goal and return its handle."""
+
+        def take(message):
+            self.feedback.append(message.feedback)
+            on_feedback(message.feedback)
+
+        self.feedback.clear()
+        sent = self.client.send_goal_async(self.type.Goal(**fields), take)
+        self.peer.spin_until(sent.done, what="the answer to a goal")
+        return sent.result()
+
+    def result(self, handle):
+        """Return status and result of a goal."""
+        future = handle.get_result_async()
+        self.peer.spin_until(future.done, what="the result")
+        return future.result().status, future.result().result
+
+    def cancel(self, handle):
+        future = handle.cancel_goal_async()
+        self.peer.spin_until(future.done, what="the answer to a cancellation")
+        return future.result()
+
+
+@pytest.fixture(scope="session")
+def action_peer(nav2_folder):
+    """Return a function that makes the client of an action, given a peer and the name of the action."""
+    return ActionPeer
+
+
 @pytest.fixture(scope="session")
 def nav2_folder(tmp_path_factory, worker_id):
     """Return the folder that holds the package nav2_msgs; this process can import it, too."""

@@ -8,7 +8,6 @@ import rclpy
 from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped
 from graph import Peer, private_domain
-from rclpy.action import ActionClient
 from std_msgs.msg import Bool
 
 from diffbot_control.ros.messages.fields import fill_pose
@@ -45,38 +44,8 @@ def staged(scene):
     return scene
 
 
-class Client:
-    """An action client of the test's node."""
-
-    def __init__(self, scene, name):
-        from nav2_msgs import action
-
-        self.peer, self.feedback = scene.peer, []
-        self.type = {"dock_robot": action.DockRobot, "undock_robot": action.UndockRobot}[name]
-        self.client = ActionClient(self.peer.node, self.type, name)
-        self.peer.spin_until(self.client.server_is_ready, what=f"the action {name}")
-
-    def send(self, on_feedback=lambda feedback: None, **fields):
-        """Send a goal and return its handle."""
-
-        def take(message):
-            self.feedback.append(message.feedback)
-            on_feedback(message.feedback)
-
-        self.feedback.clear()
-        sent = self.client.send_goal_async(self.type.Goal(**fields), take)
-        self.peer.spin_until(sent.done, what="the answer to a goal")
-        return sent.result()
-
-    def result(self, handle):
-        """Return status and result of a goal."""
-        future = handle.get_result_async()
-        self.peer.spin_until(future.done, what="the result")
-        return future.result().status, future.result().result
-
-
-def test_a_robot_that_touches_something_before_its_dock_gives_up_after_its_tries(staged):
-    dock = Client(staged, "dock_robot")
+def test_a_robot_that_touches_something_before_its_dock_gives_up_after_its_tries(staged, action_peer):
+    dock = action_peer(staged.peer, "dock_robot")
     contact = staged.peer.node.create_publisher(Bool, "dock_contact", 1)
     handle = dock.send(lambda _: contact.publish(Bool(data=True)), **SEEN)
     status, result = dock.result(handle)
@@ -86,8 +55,8 @@ def test_a_robot_that_touches_something_before_its_dock_gives_up_after_its_tries
     assert result.num_retries == 3
 
 
-def test_the_robot_docks_and_undocks(staged):
-    dock, undock = Client(staged, "dock_robot"), Client(staged, "undock_robot")
+def test_the_robot_docks_and_undocks(staged, action_peer):
+    dock, undock = action_peer(staged.peer, "dock_robot"), action_peer(staged.peer, "undock_robot")
     status, result = dock.result(dock.send(**SEEN))
     assert (status, result.success, result.error_code) == (GoalStatus.STATUS_SUCCEEDED, True, 0), result
     assert (result.num_retries, result.error_msg) == (0, "")
@@ -106,13 +75,11 @@ def test_the_robot_docks_and_undocks(staged):
     assert staged.detector.truth.x == pytest.approx(-0.7, abs=0.06)
 
 
-def test_a_docking_is_cancelled_and_another_replaced(staged):
-    dock, undock = Client(staged, "dock_robot"), Client(staged, "undock_robot")
+def test_a_docking_is_cancelled_and_another_replaced(staged, action_peer):
+    dock, undock = action_peer(staged.peer, "dock_robot"), action_peer(staged.peer, "undock_robot")
     handle = dock.send(**SEEN)
     staged.peer.spin_until(lambda: dock.feedback, what="feedback")
-    cancelled = handle.cancel_goal_async()
-    staged.peer.spin_until(cancelled.done, what="the answer to a cancellation")
-    assert cancelled.result().goals_canceling
+    assert dock.cancel(handle).goals_canceling
     status, result = dock.result(handle)
     assert (status, result.success) == (GoalStatus.STATUS_CANCELED, False)
 
@@ -133,6 +100,6 @@ def test_a_docking_is_cancelled_and_another_replaced(staged):
         ("undock_robot", {"max_undocking_time": 0.0}, "max_undocking_time is not positive: 0 s"),
     ],
 )
-def test_a_goal_that_cannot_be_served_is_rejected_with_a_reason(scene, name, fields, reason):
-    assert not Client(scene, name).send(**fields).accepted
+def test_a_goal_that_cannot_be_served_is_rejected_with_a_reason(scene, action_peer, name, fields, reason):
+    assert not action_peer(scene.peer, name).send(**fields).accepted
     assert f"{name}: goal rejected: {reason}" in scene._entered[-1].output

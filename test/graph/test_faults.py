@@ -8,7 +8,7 @@ import one_process
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from filter_input import timed
-from geometry_msgs.msg import PoseStamped, Twist
+from geometry_msgs.msg import Twist
 from rcl_interfaces.msg import Parameter, ParameterValue
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from robot import initialpose, pose_stamped
@@ -21,8 +21,6 @@ from diffbot_core.ros.node import make_executor
 
 NOT_A_TYPE = 10
 NAMES = ("controller", "plant")
-TIMEOUT = 0.4
-"""[s] without a pose"""
 
 
 @pytest.mark.parametrize("executor", ["events", "single"])
@@ -127,48 +125,6 @@ def test_error_of_a_timer_leaves_the_other_timers_running(nodes, monkeypatch):
     monkeypatch.setattr(Supervisor, "on_tick", broken)
     nodes.peer.spin_until(lambda: drive.node.health.counted["internal errors"] >= 3, what="errors")
     drive.wait_for_stop()
-
-
-class SimulatedDrive(Drive):
-    """One on simulated time, whose clock the test is."""
-
-    def __init__(self, nodes, **parameters):
-        super().__init__(nodes, {"use_sim_time": True, "pose_timeout": TIMEOUT, **parameters})
-        self.clocks = self.peer.publisher(Clock, "/clock")
-        self.peer.wait_for_subscribers(self.clocks)
-        self.tick(0.0)
-
-    def tick(self, dt):
-        """Let ``dt`` [s] of simulated time pass."""
-        self.time += dt
-        message = Clock()
-        message.clock = timed(PoseStamped(), self.time).header.stamp
-        self.clocks.publish(message)
-        now = round(self.time * 1e9)
-        self.peer.spin_until(lambda: self.node.get_clock().now().nanoseconds == now, what="the time")
-
-    def step(self, dt=0.1):
-        self.tick(dt)
-        super().step(0.0)
-
-
-def test_missing_poses_stop_the_robot_in_real_time_though_simulated_time_is_slow(nodes):
-    drive = SimulatedDrive(nodes)
-    drive.go()
-    drive.step()
-    begin = drive.time
-    drive.peer.spin_until(lambda: drive.tick(1e-6) or drive.commands[-1] == Twist(), what="the stop")
-    assert drive.time - begin < 0.5 * TIMEOUT
-
-
-def test_factor_lets_a_slow_simulation_drive_on(nodes):
-    drive = SimulatedDrive(nodes, real_timeout_factor=1e3)
-    drive.go()
-    drive.commands.clear()
-    drive.peer.spin_for(3 * TIMEOUT)
-    drive.step()
-    drive.peer.spin_until(lambda: drive.commands, what="a command")
-    assert Twist() not in drive.commands
 
 
 def test_error_of_the_executor_itself_leaves_the_node_running(nodes, monkeypatch):

@@ -42,9 +42,6 @@ class Filter(one_process.Fed):
         self.send("global_pose", fix(self.time, *pose))
         return self.move()
 
-    def details(self):
-        return self.node.details()
-
 
 @pytest.fixture
 def start():
@@ -80,13 +77,16 @@ def test_odometry_alone_starts_nothing_and_initialpose_does(start):
     subject.peer.spin_until(lambda: states and states[-1].message == "no odometry", what="the silence in the status")
 
 
-def test_filtered_odometry_is_the_same_estimate_with_the_twist_of_the_calibrated_wheels(start, tmp_path):
+def test_known_wheels_count_in_pose_and_twist_are_kept_across_a_restart_and_forgotten_by_a_reset(
+    start, tmp_path, capfd
+):
     """Both wheels are known to be 2 % too large."""
     path = tmp_path / "ekf.json"
     content = {"version": 1, "pose": [2, 1, 0.5], "P": np.diag([0.01] * 3).tolist(), "geometry": [0.05, 0.6]}
     content |= {"wheels": [0.02, 0.02, 0.0], "wheels_P": np.diag([1e-8] * 3).tolist()}
     path.write_text(json.dumps(content))
-    subject = start({"state_file": str(path)})
+    parameters = {"state_file": str(path)}
+    subject = start(parameters)
     before, _ = subject.move(0.5)
     after, P = subject.move(0.5)
     subject.peer.spin_until(lambda: stamp(subject.filtered[-1]) == round(subject.time * 1e9), what="its twist")
@@ -97,6 +97,19 @@ def test_filtered_odometry_is_the_same_estimate_with_the_twist_of_the_calibrated
     assert newest.twist.twist.linear.x == pytest.approx(0.51, abs=1e-3)
     assert distance(before, after) == pytest.approx(0.051, abs=1e-4)
     assert np.linalg.eigvalsh(P)[0] > 0.0
+    again = start(parameters)
+    again.time += 100.0
+    assert again.node.state() == "no odometry"
+    assert again.move()[0] == pytest.approx(after, abs=1e-6)
+    assert again.node.details()["right wheel radius error"].startswith("+0.0200")
+    # An initial pose keeps what is known of the wheels.
+    again.send("initialpose", fix(again.time, 4.0, 5.0, -1.0))
+    again.move()
+    assert again.node.details()["right wheel radius error"].startswith("+0.0200")
+    assert again.peer.call(Trigger, "ekf/reset").success
+    start()
+    assert not path.exists()
+    assert "state_file" not in capfd.readouterr().err
 
 
 def cloud(time, points):
@@ -125,34 +138,3 @@ def test_landmarks_are_fused_by_their_numbers_and_strangers_are_counted(start):
     assert np.linalg.eigvalsh(P).max() < 0.02**2
     assert subject.node.health.counted["landmarks of unknown number"] == 20
     assert not subject.node.health.dropped
-
-
-def test_state_is_kept_across_a_restart_and_forgotten_by_a_reset(start, tmp_path, capfd):
-    path = tmp_path / "state" / "ekf.json"
-    parameters = {"state_file": str(path)}
-    subject, (x, y, theta) = start(parameters), (3.0, -1.0, 2.0)
-    subject.start(x, y, theta)
-    # The right wheel is 2 % larger than configured: the odometry of a straight line is a circle.
-    for _ in range(150):
-        v, omega = 1.01, 0.02 / 0.6
-        x += 0.1 * v * math.cos(theta + 0.05 * omega)
-        y += 0.1 * v * math.sin(theta + 0.05 * omega)
-        theta += 0.1 * omega
-        subject.send("global_pose", fix(round(subject.time + 0.1, 6), x, y, theta))
-        pose, _ = subject.move(1.0)
-    again = start(parameters)
-    content = json.loads(path.read_text())
-    assert content["wheels"][1] - content["wheels"][0] == pytest.approx(0.02, abs=0.01)
-    assert content["pose"][:2] == pytest.approx(pose[:2], abs=0.2)
-    again.time += 100.0
-    assert again.node.state() == "no odometry"
-    assert again.move()[0] == pytest.approx(content["pose"], abs=1e-6)
-    assert again.details()["right wheel radius error"].startswith(f"{content['wheels'][1]:+.4f}")
-    # An initial pose keeps what is known of the wheels.
-    again.send("initialpose", fix(again.time, 4.0, 5.0, -1.0))
-    again.move()
-    assert again.details()["right wheel radius error"].startswith(f"{content['wheels'][1]:+.4f}")
-    assert again.peer.call(Trigger, "ekf/reset").success
-    start()
-    assert not path.exists()
-    assert "state_file" not in capfd.readouterr().err

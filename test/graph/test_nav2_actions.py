@@ -6,52 +6,12 @@ import time
 import graph
 import pytest
 from action_msgs.msg import GoalStatus
-from rclpy.action import ActionClient
 from robot import SIMULATED, distance, on_truth, pose_stamped, robot, twist
 
 A_MAX = 0.5
 LAST, BESIDE, FAR = (4.0, 4.5, 0.5), (-2.5, 4.0, 0.0), (60.0, -60.0, 0.0)
 PLANT = {"clock": "scaled", "real_time_factor": 5.0, "seed": 3}
 CONTROLLER = {"linear.x.max_acceleration": A_MAX, "angular.z.max_acceleration": 1.0, **SIMULATED}
-
-
-class Client:
-    """One action client of the test's node."""
-
-    def __init__(self, robot, name):
-        from nav2_msgs import action
-
-        self.robot, self.peer = robot, robot.peer
-        self.type = {"navigate_to_pose": action.NavigateToPose, "navigate_through_poses": action.NavigateThroughPoses}[
-            name
-        ]
-        self.client = ActionClient(robot.peer.node, self.type, name)
-        self.feedback = []
-        self.peer.spin_until(self.client.server_is_ready, what=f"the action {name}")
-
-    def send(self, *goals, frame="map"):
-        """Send a goal and return its handle."""
-        poses = [pose_stamped(*goal, frame=frame) for goal in goals]
-        goal = self.type.Goal()
-        if hasattr(goal, "poses"):
-            goal.poses = poses
-        else:
-            goal.pose = poses[0]
-        self.feedback.clear()
-        sent = self.client.send_goal_async(goal, lambda message: self.feedback.append(message.feedback))
-        self.peer.spin_until(sent.done, what="the answer to a goal")
-        return sent.result()
-
-    def result(self, handle):
-        """Return status and result of a goal."""
-        future = handle.get_result_async()
-        self.peer.spin_until(future.done, what="the result")
-        return future.result().status, future.result().result
-
-    def cancel(self, handle):
-        future = handle.cancel_goal_async()
-        self.peer.spin_until(future.done, what="the answer to a cancellation")
-        return future.result()
 
 
 def nav2_environment(folder, **changes):
@@ -67,14 +27,9 @@ def driven(nav2_folder):
         yield running
 
 
-@pytest.fixture(scope="module")
-def to_pose(driven):
-    return Client(driven, "navigate_to_pose")
-
-
-def test_a_path_is_driven_through_its_poses_with_feedback(driven):
-    through = Client(driven, "navigate_through_poses")
-    handle = through.send(BESIDE, LAST)
+def test_a_path_is_driven_through_its_poses_with_feedback(driven, action_peer):
+    through = action_peer(driven.peer, "navigate_through_poses")
+    handle = through.send(poses=[pose_stamped(*BESIDE), pose_stamped(*LAST)])
     assert handle.accepted
     status, result = through.result(handle)
     assert (status, result.error_code, result.error_msg) == (GoalStatus.STATUS_SUCCEEDED, 0, "")
@@ -92,8 +47,9 @@ def test_a_path_is_driven_through_its_poses_with_feedback(driven):
     assert "navigate_through_poses: goal rejected: path is empty" in driven.processes["controller"].output
 
 
-def test_cancelling_brakes_within_the_limits_and_ends_at_rest(driven, to_pose):
-    handle = to_pose.send(FAR)
+def test_cancelling_brakes_within_the_limits_and_ends_at_rest(driven, action_peer):
+    to_pose = action_peer(driven.peer, "navigate_to_pose")
+    handle = to_pose.send(pose=pose_stamped(*FAR))
     driven.peer.spin_until(lambda: abs(twist(driven.commands[-1])[0]) > 0.3, what="motion")
     before = len(driven.commands)
     answer = to_pose.cancel(handle)
@@ -108,11 +64,11 @@ def test_cancelling_brakes_within_the_limits_and_ends_at_rest(driven, to_pose):
     assert not to_pose.cancel(handle).goals_canceling
 
 
-def test_a_waiting_action_takes_no_processor(nav2_folder):
+def test_a_waiting_action_takes_no_processor(nav2_folder, action_peer):
     """The SingleThreadedExecutor would run a task of the action again and again."""
     with robot(only=("controller",), env=nav2_environment(nav2_folder, DIFFBOT_EXECUTOR="single")) as running:
-        handle = Client(running, "navigate_to_pose").send(FAR)
-        assert handle.accepted
+        client = action_peer(running.peer, "navigate_to_pose")
+        assert client.send(pose=pose_stamped(*FAR)).accepted
         pid = running.processes["controller"].popen.pid
         clock = (~pid << 3) | 2  # of another process, as glibc's clock_getcpuclockid names it
         began, used = time.monotonic(), time.clock_gettime(clock)

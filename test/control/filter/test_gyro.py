@@ -116,8 +116,8 @@ class Recorded:
 @pytest.mark.study
 def test_it_halves_the_error_of_the_heading_finds_its_bias_and_stays_consistent():
     with_gyro, without, nees, biases = [], [], [], []
-    for seed in range(4):
-        drive, found = Recorded(seed, steps=1500), localization()
+    for seed in range(3):
+        drive, found = Recorded(seed, steps=1000), localization()
         errors, squares = drive.play(found)
         with_gyro.append(errors[:, 2])
         nees.append(squares.mean())

@@ -196,21 +196,6 @@ def test_time_that_jumps_resets(number, kind):
     assert_equal_estimates(localization, reference.estimate().pose, reference.estimate().P)
 
 
-def test_a_reset_forgets_everything():
-    localization = fresh()
-    localization.on_odometry(odometry(1))
-    localization.on_measurement(fix(5 * PERIOD))
-    localization.reset()
-    with pytest.raises(BadMessageError):
-        localization.estimate()
-    # The same measurement is new, and the first fix is the first state.
-    localization.on_measurement(fix(5 * PERIOD))
-    found = localization.estimate()
-    assert (found.stamp, found.odometry) == (5 * PERIOD, None)
-    np.testing.assert_array_equal(found.pose, numbers_of(fix(5 * PERIOD)))
-    np.testing.assert_array_equal(found.P, R_POSE)
-
-
 def test_initialise_moves_the_filter_but_not_its_time():
     localization = fresh()
     localization.on_odometry(odometry(1))

@@ -177,8 +177,12 @@ def test_a_new_pose_keeps_wheels_and_adaptation_and_a_reset_forgets_both_and_nei
             np.testing.assert_array_equal(whole[3:, 3:], P)
             assert not whole[3:, :3].any()
             assert made.filter.memory.adaptation == learnt != new_adaptation()
+    with pytest.raises(BadMessageError, match="no fix yet"):
+        made.estimate()
     made.on_measurement(fix(30 * PERIOD))
+    assert (made.estimate().stamp, made.estimate().odometry) == (30 * PERIOD, None)
     x, whole = made.estimate().belief
+    np.testing.assert_array_equal(whole[:3, :3], R_FIX)
     np.testing.assert_array_equal(x, [*numbers_of(fix(30 * PERIOD)), 0.0, 0.0, 0.0])
     sigmas = [FilterConfig().wheel_radius_sigma] * 2 + [FilterConfig().wheel_separation_sigma]
     np.testing.assert_allclose(whole[3:, 3:], np.diag(sigmas) ** 2)

@@ -1,16 +1,26 @@
-"""Corrections weaker than R says: correlated errors, landmarks beyond the gate, measurements of one number."""
+"""Corrections weaker than R says: errors that last, inflated as a Markov process; landmarks beyond the gate."""
 
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from filter_runs import covariance
+from filter_runs import covariance, gated_filter, landmark, wrapped
+from scipy.linalg import solve_toeplitz
 
+from diffbot_control.filter.correlation import NO_STAMPS, inflation_after, inflation_of, with_stamp
 from diffbot_control.filter.ekf import PoseEkf, Robust
 from diffbot_control.filter.gate import ACCEPTED, WEIGHED
 from diffbot_control.filter.gated_filter import GatedFilter
-from diffbot_control.filter.measurements import FIXES, LANDMARKS, LandmarkMeasurement, PoseFix
+from diffbot_control.filter.measurements import (
+    FIXES,
+    HEADINGS,
+    LANDMARKS,
+    Heading,
+    LandmarkMeasurement,
+    PoseFix,
+    Source,
+)
 from diffbot_control.filter.options import WEIGH, FilterConfig, options_of
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Point, Pose
@@ -18,10 +28,7 @@ from diffbot_core.geometry import Point, Pose
 X0 = np.array([0.4, -0.3, 0.7])
 R_FIX = np.diag([0.04, 0.05, 0.01])
 LANDMARK = Point(4.0, 1.0)
-
-
-def seeded(seed=3):
-    return covariance(np.random.default_rng(seed), 3, 0.05, 0.2)
+P0 = covariance(np.random.default_rng(3), 3, 0.05, 0.2)
 
 
 def textbook(P, H, R, y, weight=1.0, inflation=1.0):
@@ -31,17 +38,10 @@ def textbook(P, H, R, y, weight=1.0, inflation=1.0):
     return weight * K @ y, P - weight * K @ S @ K.T
 
 
-def filter_at(P=None, **options):
-    found = GatedFilter(options_of(FilterConfig(filter="ekf", **options)), 0.6)
-    found.reset_to(Pose(*X0), seeded() if P is None else P)
-    return found
-
-
-def exact(pose, point=LANDMARK, sigmas=(0.1, 0.05), away=(0.0, 0.0), stamp=0):
-    dx, dy = point.x - pose[0], point.y - pose[1]
-    R = np.diag(np.square(sigmas))
-    distance, bearing = math.hypot(dx, dy) + away[0], math.atan2(dy, dx) - pose[2] + away[1]
-    return LandmarkMeasurement(stamp, distance, math.remainder(bearing, 2.0 * math.pi), R, point)
+def exact(pose, point=LANDMARK, away=(0.0, 0.0), stamp=0):
+    """Return range and bearing, wrong by ``away``."""
+    seen = landmark(pose, point, np.diag((0.01, 0.0025)))
+    return replace(seen, stamp=stamp, range=seen.range + away[0], bearing=wrapped(seen.bearing + away[1]))
 
 
 def landmark_rows(x, point=LANDMARK):
@@ -58,7 +58,7 @@ def linearisation(P, d):
 @pytest.mark.parametrize("inflation", [1.0, 19.0])
 @pytest.mark.parametrize("gate", [math.inf, 0.5])
 def test_the_gain_is_that_of_the_inflated_noise_times_the_weight(inflation, gate):
-    ekf, P = PoseEkf(), seeded()
+    ekf, P = PoseEkf(), P0
     ekf.set_state(X0, P)
     y = np.array([0.3, -0.4, 0.2])
     S = P + R_FIX
@@ -73,10 +73,9 @@ def test_the_gain_is_that_of_the_inflated_noise_times_the_weight(inflation, gate
 
 
 def test_landmarks_beyond_the_gate_are_weighed_and_those_within_are_not():
-    P = seeded()
-    H, d = landmark_rows(X0)
+    P, (H, d) = P0, landmark_rows(X0)
     for away, outcome in (((0.1, 0.02), ACCEPTED), ((8.0, 0.5), WEIGHED)):
-        found = filter_at(landmark_gate=WEIGH)
+        found = gated_filter("ekf", X0, P, landmark_gate=WEIGH)
         measured = exact(X0, away=away)
         R = measured.R + np.diag(linearisation(P, d))
         S = H @ P @ H.T + R
@@ -91,7 +90,7 @@ def test_landmarks_beyond_the_gate_are_weighed_and_those_within_are_not():
 def test_the_inflation_depends_on_the_time_since_the_last_measurement_of_the_same_source(kind):
     times = {LANDMARKS: 2.0, FIXES: 2.0}
     found = GatedFilter(options_of(FilterConfig("ekf", gate_probability=1.0, fix_correlation_time=2.0)), 0.6, times)
-    found.reset_to(Pose(*X0), seeded())
+    found.reset_to(Pose(*X0), P0)
     fix = PoseFix(10**9, Pose(*X0), R_FIX)
     # The fix that the filter starts from counts.
     found.start_from(fix)
@@ -113,3 +112,53 @@ def test_the_adaptation_of_r_and_a_correlation_time_exclude_each_other():
     with pytest.raises(InvalidValueError, match="fix_correlation_time = 2"):
         FilterConfig(filter="ekf_fnn", fix_correlation_time=2.0).check()
     FilterConfig(filter="ekf_fnn", landmark_correlation_time=2.0).check()
+
+
+SECOND = 10**9
+TIMES = {HEADINGS: 3.0, LANDMARKS: 2.0, FIXES: 1.0, "fixes of gps": 4.0}
+"""[s]"""
+
+
+def fix_at(seconds, sensor=FIXES):
+    return PoseFix(round(seconds * SECOND), Pose(1.0, 2.0, 3.0), np.eye(3), Source(sensor))
+
+
+def heading_at(seconds):
+    return Heading(round(seconds * SECOND), 1.0, np.eye(1))
+
+
+def landmark_at(seconds, x=1.0):
+    return LandmarkMeasurement(round(seconds * SECOND), 1.0, 0.5, np.eye(2), Point(x, 2.0))
+
+
+@pytest.mark.parametrize(("dt", "time"), [(0.2, 0.3), (0.5, 2.0), (1.0, 0.1)])
+def test_in_the_long_run_the_measurements_tell_as_much_as_independent_ones_with_the_inflated_variance(dt, time):
+    # Best linear estimate of a constant from n errors of variance 1: its information is 1' V^-1 1.
+    n = 2000
+    information = solve_toeplitz(np.exp(-dt / time) ** np.arange(n), np.ones(n)).sum() / n
+    assert inflation_after(dt, time) == pytest.approx(1.0 / information, rel=0.02)
+
+
+def test_each_source_is_compared_with_itself_and_each_landmark_is_a_source():
+    stamps = NO_STAMPS
+    for one in (
+        fix_at(0.0),
+        fix_at(1.0, sensor="fixes of gps"),
+        heading_at(2.0),
+        landmark_at(3.0),
+        landmark_at(4.0, x=5.0),
+    ):
+        assert inflation_of(stamps, one, TIMES) == 1.0, "the first of its source"
+        before = dict(stamps)
+        after = with_stamp(stamps, one, TIMES)
+        assert dict(stamps) == before, "never changed in place"
+        stamps = after
+    expected = (
+        (fix_at(6.0), 6.0, 1.0),
+        (fix_at(6.0, sensor="fixes of gps"), 5.0, 4.0),
+        (heading_at(6.0), 4.0, 3.0),
+        (landmark_at(6.0), 3.0, 2.0),
+        (landmark_at(6.0, x=5.0), 2.0, 2.0),
+    )
+    for one, dt, time in expected:
+        assert inflation_of(stamps, one, TIMES) == pytest.approx(inflation_after(dt, time))

@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from filter_runs import odometry_step
 
 from diffbot_control.filter.belief import ErrorEstimate
 from diffbot_control.filter.localization import Localization
@@ -12,7 +13,7 @@ from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.filter.options import FilterConfig
 from diffbot_control.filter.state_file import BrokenStateError, SavedState, StateKeeper, load_state, save_state
 from diffbot_core.geometry import Pose
-from diffbot_core.kinematics import WheelGeometry
+from diffbot_core.kinematics import Twist, WheelGeometry
 
 P = np.array([[0.02, 0.001, 0.0], [0.001, 0.03, -0.002], [0.0, -0.002, 0.01]])
 WHEELS = np.array([0.01, -0.02, 0.05])
@@ -87,6 +88,11 @@ def test_radii_are_restored_to_any_filter_that_has_them_and_other_errors_where_t
     assert two.filter.landmark_errors() is None
     np.testing.assert_array_equal(two.filter.wheels().errors, WHEELS[:2])
     np.testing.assert_array_equal(two.filter.wheels().P, WHEELS_P[:2, :2])
+    three.on_odometry(odometry_step(10**9, Twist(0.0, 0.0), 1e-4, 0.0, 1e-4))
+    three.filter.set_wheels(ErrorEstimate(2.0 * WHEELS, WHEELS_P))
+    StateKeeper(path, three).save(GEOMETRY)
+    np.testing.assert_array_equal(load_state(path).wheels.errors, 2.0 * WHEELS, "those of now")
+    np.testing.assert_array_equal(load_state(path).landmarks.errors, WHEELS)
     radii = ErrorEstimate(WHEELS[:2], WHEELS_P[:2, :2])
     save_state(path, SavedState(Pose(1.0, -2.0, 3.0), P, radii, GEOMETRY))
     more = Localization(LocalizationConfig())

@@ -1,41 +1,24 @@
-"""The errors of the wheels as states: found, honestly claimed, and forgotten where they are impossible."""
+"""The errors of the wheels as states: found, forgotten where impossible, and averaged with what is configured."""
 
 import numpy as np
 import pytest
-from filter_runs import R_FIX, SEPARATION, Robot, build_motion, fix, gated_filter, winding
+from filter_runs import R_FIX, SEPARATION, Robot, build_motion, covariance, fix, gated_filter, winding
+from scipy.stats import multivariate_normal
 
+from diffbot_control.filter.averaging import average, average_over
 from diffbot_control.filter.belief import ErrorEstimate
 from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.models import Motion
 from diffbot_control.filter.options import FilterConfig, options_of
-from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist, TwistCovariance
-from diffbot_sim.compiled.gated_filter import check_supported
 
 
 @pytest.mark.parametrize("variant", ["ekf_calibrating", "ekf_fnn_calibrating"])
-@pytest.mark.parametrize("errors", [(0.025, -0.02), (0.0, 0.03)])
-def test_radius_errors_are_found(variant, errors):
-    robot = Robot(np.random.default_rng(7), errors)
-    found = gated_filter(variant, wheel_separation_sigma=0.02)
-    for step in range(450):
-        found.predict(robot.move(*winding(step)))
-        if step % 2 == 0:
-            found.take(robot.fix())
-    x, P = found.memory.belief
-    sigma = np.sqrt(P.diagonal()[3:])
-    assert sigma[:2].max() < 0.2 * 0.02
-    assert sigma[2] < 0.7 * 0.02
-    # The separation is as the filter knows it.
-    assert (np.abs(x[3:] - (*errors, 0.0)) < 3.5 * sigma).all()
-    assert np.hypot(*(x[:2] - robot.truth[:2])) < 0.15
-
-
-def test_an_error_of_the_wheel_separation_is_found_beside_those_of_the_radii():
+def test_errors_of_the_radii_and_of_the_wheel_separation_are_found(variant):
     # Wheels 10 % further apart than the filter knows: the robot of the test has the right distance.
     robot, true = Robot(np.random.default_rng(4), (-0.03, 0.02)), np.array([-0.03, 0.02, 0.1])
-    options = options_of(FilterConfig(wheel_radius_sigma=0.1, wheel_separation_sigma=0.1))
+    options = options_of(FilterConfig(variant, wheel_radius_sigma=0.1, wheel_separation_sigma=0.1))
     found = GatedFilter(options, SEPARATION / 1.1)
     found.reset_to(Pose(0.0, 0.0, 0.0), R_FIX)
     for step in range(1500):
@@ -63,7 +46,70 @@ def test_an_error_beyond_five_deviations_resets_all_three(index):
     np.testing.assert_allclose(found.wheels().P, 0.01 * np.eye(3))
 
 
-def test_the_compiled_filter_refuses_what_it_does_not_have():
-    with pytest.raises(InvalidValueError, match="correlation"):
-        check_supported(options_of(FilterConfig(fix_correlation_time=1.0)))
-    check_supported(options_of(FilterConfig(wheel_separation_sigma=0.1)))
+RADIUS_SIGMA, SEPARATION_SIGMA = 0.05, 0.1
+
+
+def posterior(prior, P, H, z, R):
+    """Return mean, covariance and the density of all measurements ``z`` at once."""
+    S = H @ P @ H.T + R
+    K = P @ H.T @ np.linalg.inv(S)
+    return prior + K @ (z - H @ prior), P - K @ S @ K.T, multivariate_normal.pdf(z, H @ prior, S)
+
+
+@pytest.mark.parametrize("prior", [0.0, 0.2, 0.5, 1.0])
+@pytest.mark.parametrize("first", [3, 4])
+@pytest.mark.parametrize("deviation", [0.0, 1.0, 3.0])
+def test_it_is_the_mixture_of_both_posteriors_by_their_evidence(first, deviation, prior):
+    rng = np.random.default_rng(round(10 * deviation) + first)
+    n, errors = first + 3, slice(first, first + 3)
+    configured, variances = np.array([0.3, -0.2, 0.1]), np.array([0.04, 0.01, 0.09])
+    prior, P = np.zeros(n), covariance(rng, n)
+    P[errors, :] = P[:, errors] = 0.0
+    prior[errors], P[errors, errors] = configured, np.diag(variances)
+    known = P.copy()
+    known[errors, errors] = 0.0
+    H, R = rng.normal(size=(8, n)), covariance(rng, 8, 0.1, 0.3)
+    true = rng.multivariate_normal(prior, known)
+    true[errors] += deviation * np.sqrt(variances)
+    z = rng.multivariate_normal(H @ true, R)
+    x, P_x, evidence = posterior(prior, P, H, z, R)
+    other, P_other, other_evidence = posterior(prior, known, H, z, R)
+    w = prior * other_evidence / ((1.0 - prior) * evidence + prior * other_evidence)
+    mean = w * other + (1.0 - w) * x
+    spread = sum(one * np.outer(at - mean, at - mean) for one, at in ((w, other), (1.0 - w, x)))
+    found, P_found = average_over(x, P_x, first, tuple(configured), tuple(variances), prior)
+    np.testing.assert_allclose(found, mean, atol=1e-9)
+    np.testing.assert_allclose(P_found, w * P_other + (1.0 - w) * P_x + spread, atol=1e-9)
+
+
+def test_wheels_and_landmarks_have_hypotheses_of_their_own():
+    rng = np.random.default_rng(0)
+    config = FilterConfig(
+        wheel_radius_sigma=RADIUS_SIGMA,
+        wheel_separation_sigma=SEPARATION_SIGMA,
+        left_radius_error=0.01,
+        wheels_as_configured=0.3,
+    )
+    options = options_of(config, landmarks=True)
+    x, P = rng.normal(0.0, 1e-3, 9), covariance(rng, 9, 1e-3, 1e-2)
+    wheels = average_over(x, P, 3, (0.01, 0.0, 0.0), (RADIUS_SIGMA**2, RADIUS_SIGMA**2, SEPARATION_SIGMA**2), 0.3)
+    both = average_over(*wheels, 6, (0.0, 0.0, 0.0), (0.05**2, 0.01**2, 0.01**2), 0.5)
+    for found, expected in zip(average(x, P, 3, 6, options), both, strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-12)
+    without = average(x[:6], P[:6, :6], 3, 6, options_of(config))
+    np.testing.assert_allclose(without[0], wheels[0][:6], rtol=1e-12)
+
+
+def test_what_is_no_state_is_not_averaged():
+    rng = np.random.default_rng(1)
+    x, P = rng.normal(size=5), covariance(rng, 5)
+    found, P_found = average(x, P, 3, 5, options_of(FilterConfig(filter="ekf")))
+    np.testing.assert_array_equal(found, x)
+    np.testing.assert_array_equal(P_found, P)
+
+
+def test_the_heading_stays_within_half_a_turn():
+    P = np.diag([1.0, 1.0, 1.0, 0.01])
+    P[2, 3] = P[3, 2] = 0.05
+    found, _ = average_over(np.array([0.0, 0.0, 3.14, -0.1]), P, 3, (0.0, 0.0, 0.0), (0.01, 0.0, 0.0), 0.5)
+    assert -np.pi < found[2] < -2.9

@@ -2,7 +2,6 @@
 
 import math
 
-import numpy as np
 import pytest
 
 from diffbot_control.goals import Supervisor, SupervisorConfig
@@ -51,9 +50,15 @@ class Story:
         return self.supervisor.status
 
 
-def test_the_time_between_stamps_goes_to_the_acceleration_limits():
-    story = Story(controller=SLOW_DOWN)
+def driving(**options):
+    """Return a story in which the goal has been accepted."""
+    story = Story(**options)
     story.supervisor.on_goal(GOAL)
+    return story
+
+
+def test_the_time_between_stamps_goes_to_the_acceleration_limits():
+    story = driving(controller=SLOW_DOWN)
     # No time has passed before the first pose; then 0.1 s, 0.3 s; a gap counts for at most 1 s, and time backwards not.
     steps = [(FAR, 0.1), (FAR, 0.1), (FAR, 0.3), (FAR, 0.0), (FAR, 0.25), (FAR, 30.0), (Pose(50.0, 0.0, 0.0), 30.0)]
     speeds = [story.pose(pose, after).v for pose, after in steps]
@@ -74,8 +79,7 @@ def reach(story):
 @pytest.mark.parametrize("stateful", [True, False])
 def test_a_held_goal_is_still_controlled_and_counts_once_whatever_follows(stateful):
     tolerance = PAPER.tolerance._replace(settling_steps=2, stateful=stateful)
-    story = Story(controller=PAPER._replace(tolerance=tolerance))
-    story.supervisor.on_goal(GOAL)
+    story = driving(controller=PAPER._replace(tolerance=tolerance))
     reach(story)
     assert story.pose(Pose(-0.7, 0.0, 0.0)).v == pytest.approx(1.3 * math.tanh(0.7))
     assert story.state == DRIVING, "what it does, not what it was"
@@ -97,8 +101,7 @@ def test_a_held_goal_is_still_controlled_and_counts_once_whatever_follows(statef
 def held(**options):
     """Return a story at a held goal whose tolerance is 0.1 m."""
     tolerance = PAPER.tolerance._replace(settling_steps=2, xy_goal_tolerance=0.1)
-    story = Story(controller=PAPER._replace(tolerance=tolerance), **options)
-    story.supervisor.on_goal(GOAL)
+    story = driving(controller=PAPER._replace(tolerance=tolerance), **options)
     reach(story)
     return story
 
@@ -148,8 +151,7 @@ def test_cancelling_stops_at_once_says_so_five_times_and_is_silent():
 
 @pytest.mark.parametrize("uncertainty", [UNSURE, Uncertainty(0.01, 0.06)])
 def test_a_tolerance_below_the_uncertainty_is_reported_at_rest_only(uncertainty):
-    story = Story(controller=QUICK)
-    story.supervisor.on_goal(GOAL)
+    story = driving(controller=QUICK)
     story.pose(AWAY, uncertainty=uncertainty)
     assert story.state == DRIVING, "far away"
     # 99 % of a Rayleigh and of a normal distribution.
@@ -213,8 +215,7 @@ def test_a_goal_without_poses_ends_after_pose_lost_timeout(before):
 
 def test_a_pose_whose_stamp_stands_still_is_no_sign_of_life():
     """Sent again and again, with the same values or corrected ones, it stops the robot and loses the goal."""
-    story = Story(pose_timeout=0.5, pose_lost_timeout=5.0)
-    story.supervisor.on_goal(GOAL)
+    story = driving(pose_timeout=0.5, pose_lost_timeout=5.0)
     story.supervisor.goals.accept(GoalRequest("a" * 32, "goal_pose", story.now))
     command = story.pose()
     stamp, began = round(story.now * 1e9), story.now
@@ -234,40 +235,6 @@ def test_a_pose_whose_stamp_stands_still_is_no_sign_of_life():
     assert story.state == DRIVING
 
 
-def drive_exactly(story, pose, goals):
-    """Drive a unicycle without noise and correct the goal at each step while ``goals`` last; return its last pose."""
-    supervisor, dt = story.supervisor, 0.1
-    for goal in (*goals, *[None] * 600):
-        if goal is not None:
-            supervisor.on_goal_update(goal)
-        v, omega = story.pose(pose, dt)
-        # The exact arc of a constant command.
-        chord, heading = v * dt * np.sinc(omega * dt / (2.0 * math.pi)), pose.theta + 0.5 * omega * dt
-        pose = Pose(pose.x + chord * math.cos(heading), pose.y + chord * math.sin(heading), pose.theta + omega * dt)
-        if supervisor.goals.present is None:
-            break
-    return pose
-
-
-def test_a_goal_that_is_seen_better_and_better_is_reached_where_it_is():
-    """The first sight is 0.3 m and 0.2 rad wrong, and each further one less by a thirtieth."""
-    true = Pose(4.0, 1.0, 0.5)
-    story = Story(controller=PRESETS["tuned"])
-    sights = [Pose(4.0 + 0.3 * share, 1.0 - 0.2 * share, 0.5 + 0.2 * share) for share in np.linspace(1.0, 0.0, 30)]
-    story.supervisor.on_goal(sights[0], GoalRequest("a" * 32, "request", story.now))
-    end = drive_exactly(story, Pose(0.0, 0.0, 0.0), sights)
-    (record,) = story.supervisor.goals.ended
-    assert (record.request.id, record.end) == ("a" * 32, "reached")
-    assert story.supervisor.goal == true
-    assert math.hypot(end.x - true.x, end.y - true.y) <= 0.1
-    assert abs(end.theta - true.theta) <= 0.1
-    # An exact goal from the start takes as long: nothing begins anew.
-    sure = Story(controller=PRESETS["tuned"])
-    sure.supervisor.on_goal(true)
-    drive_exactly(sure, Pose(0.0, 0.0, 0.0), [])
-    assert story.now == pytest.approx(sure.now, abs=1.0)
-
-
 def test_a_correction_leaves_memory_command_and_answers_as_they_are():
     story = Story(controller=SLOW_DOWN)
     story.supervisor.on_path(list(ROUTE))
@@ -279,8 +246,7 @@ def test_a_correction_leaves_memory_command_and_answers_as_they_are():
     assert (story.supervisor.memory, story.supervisor.accepted) == (memory, accepted)
     assert not story.supervisor.goals.ended
     # Nor does it forget how long the robot has been within the tolerances, which a new goal would.
-    near = Story(controller=PRESETS["tuned"])
-    near.supervisor.on_goal(GOAL)
+    near = driving(controller=PRESETS["tuned"])
     for _ in range(3):
         near.pose(AT_GOAL)
     near.supervisor.on_goal_update(Pose(0.01, 0.0, 0.0))
@@ -300,8 +266,7 @@ def test_a_correction_leaves_memory_command_and_answers_as_they_are():
     ],
 )
 def test_a_jump_is_refused_and_changes_nothing(goal, text):
-    story = Story()
-    story.supervisor.on_goal(GOAL)
+    story = driving()
     with pytest.raises(BadMessageError, match=text):
         story.supervisor.on_goal_update(goal)
     assert (story.supervisor.goal, story.supervisor.updates) == (GOAL, 0)
@@ -350,10 +315,23 @@ def test_a_path_is_driven_goal_by_goal_and_the_last_is_held():
     assert route == ROUTE, "the list stays the caller's"
 
 
+def test_waypoints_within_the_radius_are_passed_and_the_last_one_is_reached():
+    story = Story(controller=QUICK, waypoint_radius=0.4)
+    story.supervisor.on_path(list(ROUTE))
+    for number, goal in enumerate(ROUTE[:2], 1):
+        story.pose(goal._replace(x=goal.x + 0.41))
+        assert progress(story) == (number, 3, goal)
+        assert story.pose(goal._replace(x=goal.x + 0.39)).v != 0.0, "without a stop"
+        assert progress(story) == (number + 1, 3, ROUTE[number])
+    for _ in range(2):
+        assert story.state == DRIVING
+        story.pose(ROUTE[2])
+    assert (story.state, story.supervisor.goals_reached) == (REACHED, 1)
+
+
 def test_a_goal_that_takes_too_long_is_given_up_with_the_reason_and_braking():
     config = PAPER._replace(data_sheet=PAPER_DATA_SHEET._replace(a_max=1.0))
-    story = Story(controller=config, goal_timeout=2.0)
-    story.supervisor.on_goal(GOAL)
+    story = driving(controller=config, goal_timeout=2.0)
     for _ in range(20):
         story.pose(FAR)
         assert story.state == DRIVING
@@ -375,8 +353,7 @@ def test_a_goal_that_takes_too_long_is_given_up_with_the_reason_and_braking():
 
 @pytest.mark.parametrize("most", [0, 3])
 def test_a_robot_that_keeps_leaving_omega_l_gives_up(most):
-    story = Story(controller=QUICK, max_departures=most)
-    story.supervisor.on_goal(GOAL)
+    story = driving(controller=QUICK, max_departures=most)
     departures = 0
     for number in range(20):
         # In turn inside 0.5 m and beyond 0.6 m, too fast or too far to be reached.
@@ -391,8 +368,7 @@ def test_a_robot_that_keeps_leaving_omega_l_gives_up(most):
 
 
 def test_a_command_beyond_lowered_limits_is_reported_until_the_limits_hold():
-    story = Story(controller=SLOW_DOWN)
-    story.supervisor.on_goal(GOAL)
+    story = driving(controller=SLOW_DOWN)
     for _ in range(10):
         story.pose()
     assert not story.supervisor.is_beyond_limits
@@ -429,8 +405,7 @@ def seconds_until_given_up(story, pose_at, uncertainty=CERTAIN, limit=1000.0):
 
 
 def test_a_blocked_robot_ends_with_no_progress_and_a_slow_one_drives_on():
-    story = Story()
-    story.supervisor.on_goal(GOAL)
+    story = driving()
     # Blocked, with an estimate that wavers.
     assert 30.0 <= seconds_until_given_up(story, lambda t: Pose(-3.0 + 0.03 * math.sin(t), 0.0, 0.0)) <= 45.0
     assert story.supervisor.reason.startswith("no progress for 3")
@@ -444,8 +419,7 @@ def test_a_blocked_robot_ends_with_no_progress_and_a_slow_one_drives_on():
 
 
 def test_an_estimate_too_uncertain_for_an_answer_is_the_answer_after_a_minute_with_the_tolerance_it_allows():
-    story = Story(controller=QUICK, goal_timeout=0.0)
-    story.supervisor.on_goal(GOAL)
+    story = driving(controller=QUICK, goal_timeout=0.0)
     assert seconds_until_given_up(story, lambda _: AT_GOAL, UNSURE) == pytest.approx(60.0, abs=1.0)
     smallest = "smallest possible tolerance 0.91 m and 0.0258 rad"
     assert story.supervisor.reason == f"the estimate is too uncertain: {smallest}"

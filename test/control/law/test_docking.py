@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
+from driven import Robot
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
@@ -26,7 +27,7 @@ from diffbot_control.law.docking import (
     new_docking_memory,
 )
 from diffbot_core.data_sheet import DataSheet
-from diffbot_core.geometry import Pose, wrap_angle
+from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty
 
@@ -44,16 +45,6 @@ VAGUE = Uncertainty(0.02, 0.001)
 DT = 0.05
 
 
-def moved(pose, command, dt=DT):
-    """Follow the exact arc."""
-    x, y, theta = pose
-    turn = command.omega * dt
-    chord = command.v * dt * np.sinc(0.5 * turn / math.pi)
-    return Pose(
-        x + chord * math.cos(theta + 0.5 * turn), y + chord * math.sin(theta + 0.5 * turn), wrap_angle(theta + turn)
-    )
-
-
 @dataclass
 class Run:
     """One robot that docks; ``seen`` makes the estimate, ``wall`` is the x at which the dock stops it."""
@@ -62,13 +53,17 @@ class Run:
     goal: Pose = CONTACT
     seen: object = Estimate
     wall: float = math.inf
+    latency: float = 0.0
+    lag: float = 0.0
     pose: Pose = CONTACT
     memory: docking.DockingMemory | None = None
     commands: list = field(default_factory=list)
     phases: list = field(default_factory=list)
     poses: list = field(default_factory=list)
+    reports: list = field(default_factory=list)
 
     def drive(self, start, duration=60.0, until=(DOCKED, FAILED, UNDOCKED)):
+        robot = Robot(start, self.latency, self.lag)
         self.pose, self.memory = start, self.memory or new_docking_memory(self.config)
         for index in range(round(duration / DT)):
             dt = DT if index else 0.0
@@ -77,12 +72,13 @@ class Run:
             assert np.isfinite(report).all()
             self.commands.append(command)
             self.poses.append(self.pose)
+            self.reports.append((self.memory.phase, report))
             if self.phases[-1:] != [self.memory.phase]:
                 self.phases.append(self.memory.phase)
             if self.memory.phase in until:
                 return self
-            self.pose = moved(self.pose, command)
-            self.pose = self.pose._replace(x=min(self.pose.x, self.wall))
+            robot.drive(command, DT)
+            self.pose = robot.pose = robot.pose._replace(x=min(robot.pose.x, self.wall))
         pytest.fail(f"still {PHASE_NAMES[self.memory.phase]} at {self.pose}")
 
 
@@ -117,21 +113,14 @@ def test_on_the_axis_the_lyapunov_function_falls_as_stated_in_and_out(v):
         length = rng.uniform(0.05, 1.0)
         pose = Pose(rng.uniform(-2.0, 0.0), rng.uniform(-1.0, 1.0), rng.uniform(-3.0, 3.0))
         command = docking.along_axis(pose, v, length)
-        before, after = (docking.axis_lyapunov(moved(pose, command, dt), length) for dt in (-h, h))
+        ends = Robot(pose), Robot(pose)
+        for robot, dt in zip(ends, (-h, h), strict=True):
+            robot.drive(command, dt)
+        before, after = (docking.axis_lyapunov(robot.pose, length) for robot in ends)
         slope = (after - before) / (2.0 * h)
         assert slope == pytest.approx(-2.0 * abs(v) * pose.theta**2 / length, rel=1e-4, abs=1e-4)
         assert command.v == v
     assert docking.along_axis(Pose(-1.0, 0.3, 0.4), 0.0, 0.1) == (0.0, 0.0)
-
-
-@pytest.mark.parametrize("v", [0.3, -0.3])
-def test_a_held_heading_shrinks_and_the_way_aside_ends(v):
-    length, pose = 0.1, Pose(-1.0, 0.04, 0.02)
-    for _ in range(2000):
-        pose = moved(pose, docking.hold_heading(pose, v, length), 1e-3)
-    assert abs(pose.theta) < 1e-5
-    # The integral of theta over the way.
-    assert pose.y == pytest.approx(0.04 + math.copysign(0.5 * length * 0.02, v), abs=1e-5)
 
 
 @pytest.mark.parametrize("backward", [False, True])
@@ -278,38 +267,19 @@ def test_another_goal_fails_with_the_reason_at_once(goal):
     assert docking.reason_to_give_up(run.memory, CONFIG) == "not at the dock nor on the axis before it"
 
 
-def test_a_new_goal_finds_the_robot_in_motion():
-    memory = new_docking_memory(CONFIG)._replace(command=Twist(0.3, -0.5))
-    for goal in (CONTACT, OUT):
-        _, command, _ = docking_step(memory, Estimate(Pose(-2.0, 0.5, 0.3)), goal, DT, CONFIG)
-        assert abs(command.v - 0.3) <= SHEET.a_max * DT + 1e-12
-        assert abs(command.omega + 0.5) <= SHEET.omega_dot_max * DT + 1e-12
-
-
 @pytest.mark.parametrize(("latency", "lag"), [(0.2, 0.0), (0.15, 0.1)])
 def test_it_docks_in_spite_of_dead_time_and_lag(latency, lag):
-    config = CONFIG._replace(
-        drive=ControllerConfig(data_sheet=SHEET._replace(command_latency=latency, drive_time_constant=lag))
-    )
-    memory, pose, twist, fine = new_docking_memory(config), Pose(-1.5, 0.3, 0.3), Twist(0.0, 0.0), 5
-    sent = [Twist(0.0, 0.0)] * round(latency / DT)
-    for index in range(1000):
-        memory, command, report = docking_step(memory, Estimate(pose), CONTACT, DT if index else 0.0, config)
-        if memory.phase == APPROACHING and not lag:
-            ahead = DT * sum(one.v for one in sent)
+    sheet = SHEET._replace(command_latency=latency, drive_time_constant=lag)
+    run = Run(CONFIG._replace(drive=ControllerConfig(data_sheet=sheet)), latency=latency, lag=lag)
+    run.drive(Pose(-1.5, 0.3, 0.3))
+    assert (run.memory.phase, run.memory.tries) == (DOCKED, 0)
+    assert abs(run.pose.y) < 0.01
+    assert abs(run.pose.theta) < 0.01
+    for index, (phase, report) in enumerate(run.reports if not lag else ()):
+        if phase == APPROACHING:
+            ahead = DT * sum(one.v for one in run.commands[max(index - round(latency / DT), 0) : index])
+            pose = run.poses[index]
             assert report.rho == pytest.approx(math.hypot(pose.x + ahead, pose.y), abs=5e-3)
-        if memory.phase == DOCKED:
-            break
-        sent.append(command)
-        acting, dt = sent.pop(0), DT / fine
-        for _ in range(fine):
-            share = 1.0 - math.exp(-dt / lag) if lag else 1.0
-            twist = Twist(twist.v + share * (acting.v - twist.v), twist.omega + share * (acting.omega - twist.omega))
-            pose = moved(pose, twist, dt)
-    assert memory.phase == DOCKED
-    assert memory.tries == 0
-    assert abs(pose.y) < 0.01
-    assert abs(pose.theta) < 0.01
 
 
 NUMBER = st.one_of(st.floats(-3.0, 0.5), st.floats(-0.05, 0.05), st.just(math.nan))

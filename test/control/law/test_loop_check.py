@@ -1,6 +1,7 @@
-"""The warning of gains that cannot be stable: eigenvalues, delays, limits of acceleration; against driven loops."""
+"""The warning of gains that cannot be stable, against eigenvalues and driven loops; sinc and tanhc of the laws."""
 
 import math
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from diffbot_control.law.loop_check import largest_gain, unstable_gains
-from diffbot_control.law.lyapunov_law import Gains, global_law, local_law
+from diffbot_control.law.lyapunov_law import Gains, global_law, local_law, sinc, tanhc
 from diffbot_control.law.polar_coordinates import Navigation
 from diffbot_control.law.presets import PRESETS
 from diffbot_core.data_sheet import PAPER_DATA_SHEET
@@ -101,3 +102,17 @@ def test_profiles_too_steep_for_the_sampling_time_are_named():
     assert unstable_gains(TUNED, 0.1) == unstable_gains(TUNED, 0.3) == ""
     # Automatic gains follow the sampling time.
     assert unstable_gains(TUNED._replace(gain_source=1), 3.0) == ""
+
+
+@settings(max_examples=150)
+@given(st.floats(1e-8, 1e-2))
+def test_sinc_and_tanhc_against_exact_series(x):
+    # Taylor series in exact fractions; the rest is below x^8 = 1e-16 of the value.
+    square = Fraction(x) ** 2
+    sine = 1 - square / 6 + square**2 / 120 - square**3 / 5040
+    tangent = 1 - square / 3 + 2 * square**2 / 15 - 17 * square**3 / 315
+    assert sinc(x) == pytest.approx(float(sine), rel=3e-16)
+    assert tanhc(x) == pytest.approx(float(tangent), rel=3e-16)
+    assert sinc(-x) == sinc(x)
+    assert tanhc(-x) == tanhc(x)
+    assert sinc(0.0) == tanhc(0.0) == 1.0

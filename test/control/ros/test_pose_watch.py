@@ -30,8 +30,8 @@ class Story:
     def pose(self, measured):
         return self.watch.on_pose(round((measured + 3600.0) * 1e9))
 
-    def stops_at(self):
-        while not self.watch.is_stale(CONFIG):
+    def stops_at(self, config=CONFIG):
+        while not self.watch.is_stale(config):
             self.now += STEP
         return self.now
 
@@ -56,9 +56,14 @@ def test_poses_that_come_later_than_the_timeout_do_not_move_the_robot_until_one_
     assert not story.watch.is_stale(CONFIG)
 
 
-def test_in_simulated_time_stamps_may_fall_behind_the_steady_clock():
+def test_in_simulated_time_stamps_may_fall_behind_the_steady_clock_which_ends_a_silence_by_the_factor():
     story, stamp = Story(simulated=True), 0.0
     for _ in range(100):
         story.now, stamp = story.now + 0.4, stamp + 0.1
         story.pose(stamp)
         assert not story.watch.is_stale(CONFIG)
+    last, slow = story.now, CONFIG._replace(real_timeout_factor=10.0)
+    assert story.stops_at() == pytest.approx(last + TIMEOUT, abs=2 * STEP)
+    assert story.stops_at(slow) == pytest.approx(last + 10.0 * TIMEOUT, abs=2 * STEP)
+    lockstep = CONFIG._replace(supervisor=CONFIG.supervisor._replace(publish_when_idle=True))
+    assert not story.watch.is_stale(lockstep), "the plant waits"

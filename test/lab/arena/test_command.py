@@ -65,29 +65,26 @@ def test_the_starts():
     assert not np.array_equal(starts_named("far", 9, 3), starts_named("far", 9, 4))
 
 
-def test_every_law_has_the_data_sheet_of_its_case():
-    for case in cases_named(("nominal", "mix", "acceleration")):
-        for entry in (one for one in ENTRIES if takes_part(one, case)):
-            sheet = config_of(entry, case, {}).data_sheet
-            limits = (sheet.v_max, sheet.omega_max, sheet.wheel_max * sheet.wheels.wheel_radius)
-            assert limits == (1.3, 1.5 if case.name.endswith("mix") else 2.6, pytest.approx(1.3)), entry.name
-            known = sheet.command_latency, sheet.drive_time_constant, sheet.a_max
-            found = (case.sheet.get("command_latency", 0.0), case.sheet.get("drive_time_constant", 0.0))
-            assert known == (*found, case.sheet.get("linear.x.max_acceleration", math.inf))
-
-
-def test_the_plant_of_a_known_case_is_that_of_its_data_sheet():
+def test_every_law_has_the_data_sheet_of_its_case_and_the_plant_is_as_it_says():
     for case in CASES:
-        actuators = world_of(case)[0].actuators
-        if case.name != "dead_time_02_unknown":
-            assert actuators.command_delay == case.sheet.get("command_latency", 0.0)
-        assert actuators.drive_time_constant == case.sheet.get("drive_time_constant", 0.0)
-        assert actuators.acceleration_max == case.sheet.get("linear.x.max_acceleration", math.inf)
-        assert actuators.angular_acceleration_max == case.sheet.get("angular.z.max_acceleration", math.inf)
+        sheet, actuators = case.sheet, world_of(case)[0].actuators
+        latency = 0.2 if case.name == "dead_time_02_unknown" else sheet.get("command_latency", 0.0)
+        assert (actuators.command_delay, actuators.drive_time_constant) == (
+            latency,
+            sheet.get("drive_time_constant", 0.0),
+        )
+        a_max = sheet.get("linear.x.max_acceleration", math.inf)
+        omega_dot_max = sheet.get("angular.z.max_acceleration", math.inf)
+        assert (actuators.acceleration_max, actuators.angular_acceleration_max) == (a_max, omega_dot_max)
+        entries = [one for one in ENTRIES if takes_part(one, case)]
+        for entry in entries:
+            known = config_of(entry, case, {}).data_sheet
+            assert (known.v_max, known.omega_max) == (1.3, 1.5 if case.name.endswith("mix") else 2.6), entry.name
+            assert known.wheel_max * known.wheels.wheel_radius == pytest.approx(1.3)
+            assert (known.command_latency, known.a_max) == (sheet.get("command_latency", 0.0), a_max)
+            assert known.drive_time_constant == sheet.get("drive_time_constant", 0.0)
         if case.table == OWN:
-            assert [one.name for one in ENTRIES if takes_part(one, case)] == [OWN_NAME]
-    (unknown,) = cases_named(("dead_time_02_unknown",))
-    assert (world_of(unknown)[0].actuators.command_delay, dict(unknown.sheet)) == (0.2, {})
+            assert [one.name for one in entries] == [OWN_NAME]
     # A bound is fed with the true pose.
     assert case_of(BY_NAME["truth"], NOMINAL, {}).feedback != case_of(BY_NAME[PEER], NOMINAL, {}).feedback
 

@@ -1,7 +1,6 @@
 """What a campaign may be: YAML and flags, unfolded into cells, and one clear line for all that is not allowed."""
 
 import itertools
-import re
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +8,6 @@ import pytest
 import yaml
 
 from diffbot_control.ros.parameters.controller import ControllerNodeConfig
-from diffbot_core.errors import InvalidValueError
 from diffbot_lab.campaign.spec import make_campaign, read_campaign
 from diffbot_sim.compiled.closed_loop import EKF
 from diffbot_tools import cli
@@ -19,20 +17,14 @@ CIRCLE = {"circle": {"radius": 2.0, "points": 4, "headings": [0.5, -1.0]}}
 
 
 def test_the_example_is_unfolded():
-    path = ROOT / "config" / "campaign.yaml"
-    content = yaml.safe_load(path.read_text())
-    campaign = read_campaign(path, {})
-    assert campaign.options.runs == content["runs"]
-    points = list(itertools.product(content["grid"]["k"], content["grid"]["eps_P"]))
-    assert [(cell.values["k"], cell.values["eps_P"]) for cell in campaign.cells] == points
-    for cell, (k, radius) in zip(campaign.cells, points, strict=True):
-        controller = cell.case.controller
-        fixed = controller.region_policy.fixed
-        assert (controller.gains.k, fixed.eps_P, fixed.eps_P_leave) == (k, radius, 0.6)
-        assert (cell.case.steps, cell.case.feedback, cell.case.literal_rear) == (400, EKF, False)
-        assert (cell.case.xy_tolerance, cell.case.yaw_tolerance) == (0.4, 0.1)
-    assert campaign.starts.poses.tolist() == [[0.0, 0.0, 0.0]]
-    assert campaign.starts.half == (8.0, 8.0, 3.14159)
+    campaign = read_campaign(ROOT / "config" / "campaign.yaml", {})
+    grid = yaml.safe_load((ROOT / "config" / "campaign.yaml").read_text())["grid"]
+    points = list(itertools.product(grid["k"], grid["eps_P"]))
+    controllers = [cell.case.controller for cell in campaign.cells]
+    assert [(one.gains.k, one.region_policy.fixed.eps_P) for one in controllers] == points
+    assert {one.region_policy.fixed.eps_P_leave for one in controllers} == {0.6}
+    case = campaign.cells[0].case
+    assert (case.steps, case.feedback, case.xy_tolerance, case.yaw_tolerance) == (400, EKF, 0.4, 0.1)
 
 
 def test_starts():
@@ -87,7 +79,7 @@ def test_identity_and_resolved_values_name_all_that_decides():
 
 
 REFUSED = {
-    "unknown key": ("rnus: 5", "key = 'rnus'"),
+    "unknown key": ("rnus: 5", "did you mean runs"),
     "unknown parameter in set": ("set: {kk: 5}", "kk = 5"),
     "replaced parameter in set": (
         "set: {follow_covariance: true}",
@@ -99,7 +91,6 @@ REFUSED = {
     "nan in grid": ("grid: {k: [1.0, .nan]}", "k = nan"),
     "short goal": ("goal: [0, 1]", "goal = (0.0, 1.0)"),
     "feedback that is no text": ("feedback: [ekf]", "feedback = ['ekf']"),
-    "in set and in grid": ("set: {k: 1.0}\ngrid: {k: [1.0]}", "set.k = 1.0"),
     "hysteresis turned round": ("set: {eps_P: 0.9}", "eps_P_leave = 0.6"),
     "delay": ("set: {fix_delay: 1.2}", "fix_delay = 1.2"),
     "two starts": ("start: {list: [[0, 0, 0]], box: {}}", "start = {"),
@@ -116,6 +107,12 @@ REFUSED = {
         "runs = 452312848583266388373324160190187140051835877600158453279131187530910662655",
     ),
     "a key twice": ("runs: 5\nruns: 6", "'runs'"),
+    "of another profile": ("set: {h: 0.2}", "set.h = 0.2: must be left out, it acts only with speed_profile: tanh"),
+    "of another preset": ("set: {preset: paper, react: 0.2}", "set.react = 0.2: must be left out"),
+    "without effect in a grid": ("grid: {eps_P: [0.2, 0.3]}", "grid.eps_P"),
+    "bias of no gyro": ("set: {gyro_bias: 0.1}", "gyro_rate > 0"),
+    "fixes for the true pose": ("feedback: truth\nset: {fix_rate: 1.0}", "feedback: ekf or raw"),
+    "misspelt": ("set: {wheel_radiu: 0.1}", "did you mean wheel_radius"),
 }
 
 
@@ -172,23 +169,6 @@ def test_a_campaign_runs_any_law():
     assert {cell.law.split()[0] for cell in campaign.cells} == {"polar"}
     same = make_campaign({"law": "diffbot_lab.laws.polar:Polar", "set": {"k_rho": 2.0, "wheel_radius": 0.07}})
     assert same.resolved != campaign.resolved
-
-
-@pytest.mark.parametrize(
-    ("content", "part"),
-    [
-        ({"set": {"h": 0.2}}, "set.h = 0.2: must be left out, it acts only with speed_profile: tanh"),
-        ({"set": {"preset": "paper", "react": 0.2}}, "set.react = 0.2: must be left out"),
-        ({"grid": {"eps_P": [0.2, 0.3]}}, "grid.eps_P"),
-        ({"set": {"gyro_bias": 0.1}}, "gyro_rate > 0"),
-        ({"feedback": "truth", "set": {"fix_rate": 1.0}}, "feedback: ekf or raw"),
-        ({"set": {"wheel_radiu": 0.1}}, "did you mean wheel_radius"),
-        ({"rnus": 5}, "did you mean runs"),
-    ],
-)
-def test_what_cannot_act_or_is_misspelt_is_refused(content, part):
-    with pytest.raises(InvalidValueError, match=re.escape(part)):
-        make_campaign(content)
 
 
 def test_a_parameter_that_acts_in_one_cell_is_no_error_and_the_law_is_the_nodes():

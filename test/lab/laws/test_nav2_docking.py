@@ -1,14 +1,11 @@
 """Nav2's docking server as a law: its approach against Park and Kuipers' equations, its phases, its end."""
 
-import ast
 import cmath
-import importlib
 import math
-from pathlib import Path
 
 import pytest
+from driven import Robot
 
-from diffbot_control.goals.registry import resolve_law
 from diffbot_core.geometry import Pose
 from diffbot_core.uncertainty import CERTAIN, Estimate
 from diffbot_lab.laws.nav2_docking import (
@@ -49,13 +46,11 @@ def test_the_approach_is_the_graceful_law_with_the_gains_of_the_docking_server(p
 
 def driven(start, config, steps=400, dt=0.05):
     """Drive a unicycle by the law; return poses, commands and phases."""
-    pose, memory, found = start, Nav2Docking.new_memory(config), []
+    robot, memory, found = Robot(start), Nav2Docking.new_memory(config), []
     for index in range(steps):
-        memory, command, _ = Nav2Docking.step(memory, Estimate(pose, CERTAIN), DOCK, dt if index else 0.0, config)
-        found.append((pose, command, memory.state.phase))
-        turn = pose.theta + 0.5 * command.omega * dt
-        way = command.v * dt
-        pose = Pose(pose.x + way * math.cos(turn), pose.y + way * math.sin(turn), pose.theta + command.omega * dt)
+        memory, command, _ = Nav2Docking.step(memory, Estimate(robot.pose, CERTAIN), DOCK, dt if index else 0.0, config)
+        found.append((robot.pose, command, memory.state.phase))
+        robot.drive(command, dt)
     return found
 
 
@@ -107,12 +102,3 @@ def test_an_approach_of_more_than_thirty_seconds_begins_again_three_times():
     assert phases.index(STAGING) in (300, 301)
     assert phases[-1] == ENDED
     assert phases.index(ENDED) == pytest.approx(4 * 301, abs=5)
-
-
-def test_it_is_registered_under_its_name():
-    source = ast.parse((Path(__file__).parents[3] / "setup.py").read_text())
-    laws = next(one.value for one in source.body if isinstance(one, ast.Assign) and one.targets[0].id == "LAWS")
-    place = ast.literal_eval(laws)[Nav2Docking.name]
-    assert resolve_law(place) is Nav2Docking
-    module, _, name = place.partition(":")
-    assert getattr(importlib.import_module(module), name) is Nav2Docking

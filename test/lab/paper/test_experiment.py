@@ -1,11 +1,17 @@
-"""The paper's experiments: their runs, their results and their command."""
+"""The paper's experiments: their runs, their results, their figures and their command."""
 
+import json
 import math
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
 from diffbot_core.errors import InvalidValueError
+from diffbot_lab.paper import experiment
+from diffbot_lab.paper import figures as paper_figures
 from diffbot_lab.paper.experiment import QUANTILES, run_experiment, summarise, table
 from diffbot_lab.paper.scenarios import GOAL, HEADINGS_B, PAPER_END_STATES, SETTINGS, case_of, starts_of
 from diffbot_sim.compiled.batch import run_histories
@@ -113,3 +119,15 @@ def test_wrong_arguments_are_refused(name, runs, message, tmp_path):
         cli.main(["experiment", name, "--runs", str(runs), "--out", str(tmp_path / "out")])
     assert caught.value.code == 2
     assert not (tmp_path / "out").exists()
+
+
+def test_the_command_draws_all_figures_of_a(tmp_path, monkeypatch):
+    monkeypatch.setattr(experiment, "ProcessPoolExecutor", lambda *_, **__: ThreadPoolExecutor(1))
+    monkeypatch.setattr(paper_figures, "save", lambda figure, *paths: [plt.close(figure), *map(Path.touch, paths)])
+    assert cli.main(["experiment", "a", "--runs", "3", "--out", str(tmp_path)]) == 0
+    assert json.loads((tmp_path / "a" / "results.json").read_text())["runs"] == 3
+    kinds = ("path", "pose", "command") * 2
+    stems = [f"figure_{number:02d}_{what}" for number, what in zip(range(4, 10), kinds, strict=True)]
+    for setting in ("raw", "ekf", "quiet"):
+        found = {path.name for path in (tmp_path / "a" / setting).iterdir()}
+        assert found == {f"{stem}.{kind}" for stem in stems for kind in ("png", "svg")}

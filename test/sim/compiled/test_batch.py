@@ -8,7 +8,7 @@ from scipy import stats
 
 from diffbot_control.filter.landmark_map import LandmarkMap
 from diffbot_control.filter.localization_config import LocalizationConfig
-from diffbot_control.filter.options import FilterConfig, options_of
+from diffbot_control.filter.options import WEIGH, FilterConfig, options_of
 from diffbot_control.law.lyapunov_law import PAPER_GAINS, Gains
 from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.regions import FIXED, FixedRegionPolicy, RegionPolicy
@@ -30,7 +30,7 @@ from diffbot_tools.metrics import goal_metrics
 ORIGIN = Pose(0.0, 0.0, 0.0)
 PAPER = PlantConfig(exact_arc=False, drive_noise=0.0, encoder_noise=0.0, eps_v_max=0.065, eps_omega_max=0.2167)
 QUIET = PlantConfig(drive_noise=0.0, encoder_noise=0.0)
-SENSORS, CONTROLLER = SensorConfig(), PRESETS["paper"]
+NOISY, SENSORS, CONTROLLER = PlantConfig(), SensorConfig(), PRESETS["paper"]
 EXACT = SensorConfig(eps_x_max=0.0, eps_y_max=0.0, eps_theta_max=0.0)
 LIMITED = CONTROLLER._replace(data_sheet=DataSheet(1.0, 1.5, 15.0, 0.8, 2.0))
 FASTER = CONTROLLER._replace(
@@ -97,22 +97,64 @@ FAULTS = SensorConfig(
     heading_rate=10.0,
     heading_delay=0.5,
 )
+GYRO = SensorConfig(fix_rate=2.0, gyro_rate=10.0, gyro_bias=0.05, gyro_error_max=0.001, landmark_rate=2.0)
+SLIPPING = PlantConfig(encoder_noise=0.01, slip_left=0.1, slip_start=4.0, slip_duration=8.0)
+"""So much that the gyro contradicts the wheels, and after a while makes their radii uncertain."""
+KIDNAPPED = PlantConfig(kidnap_time=4.0, kidnap_x=4.0, kidnap_y=1.0, kidnap_yaw=1.0)
+WRONG_WHEELS = {"left_radius_error": 0.02, "right_radius_error": -0.01, "wheel_separation_error": 0.03}
+
+
+def fused(sensors, variant="ekf_calibrating", plant=NOISY, **options):
+    return plant, sensors, FilterConfig(filter=variant, **options)
+
+
 LATE = {
-    "outliers, headings later than fixes": (FAULTS, "ekf_fnn_calibrating", 0.1),
+    "outliers, headings later than fixes": fused(FAULTS, "ekf_fnn_calibrating"),
     # The heading of the first fix's stamp comes after the first odometry step, at the start of the history.
-    "first heading after the first fix": (
-        SensorConfig(fix_delay=0.2, heading_rate=5.0, heading_delay=0.3),
-        "ekf_calibrating",
-        0.1,
+    "first heading after the first fix": fused(SensorConfig(fix_delay=0.2, heading_rate=5.0, heading_delay=0.3)),
+    "landmarks in time": fused(
+        SensorConfig(fix_delay_jitter=0.6, landmark_rate=5.0, heading_rate=10.0, heading_delay=0.1), "ekf_fnn"
     ),
-    "landmarks in time": (
-        SensorConfig(fix_delay_jitter=0.6, landmark_rate=5.0, heading_rate=10.0, heading_delay=0.1),
-        "ekf_fnn",
-        0.1,
+    "short steps": fused(
+        SensorConfig(fix_rate=5.0, fix_delay=0.15, fix_delay_jitter=0.3), plant=PlantConfig(sampling_time=0.04)
     ),
-    "short steps": (SensorConfig(fix_rate=5.0, fix_delay=0.15, fix_delay_jitter=0.3), "ekf_calibrating", 0.04),
-    "long steps": (SensorConfig(fix_rate=5.0, fix_delay=0.9), "ekf_calibrating", 0.25),
+    "long steps": fused(SensorConfig(fix_rate=5.0, fix_delay=0.9), plant=PlantConfig(sampling_time=0.25)),
+    "gyro": fused(GYRO, plant=SLIPPING, use_gyro=True),
+    "gyro, late fixes": fused(
+        GYRO._replace(gyro_rate=4.0, fix_delay=0.25, fix_delay_jitter=0.4), plant=SLIPPING, use_gyro=True
+    ),
+    "kidnapped, weighed landmarks": fused(
+        SensorConfig(fix_rate=5.0, fix_outlier=0.2, heading_rate=5.0, landmark_rate=2.0),
+        "ekf_fnn_calibrating",
+        KIDNAPPED,
+        gate_probability=0.9,
+        relocation_timeout=0.8,
+        landmark_gate=WEIGH,
+        wheels_as_configured=0.2,
+        **WRONG_WHEELS,
+    ),
+    "kidnapped, no more fixes": fused(
+        SensorConfig(fix_rate=0.05, heading_rate=5.0, landmark_rate=5.0), "ekf", KIDNAPPED, relocation_timeout=0.8
+    ),
+    # Of the fixes, and of the landmarks, whose offset is not a state.
+    "errors that last": fused(
+        SensorConfig(fix_rate=5.0, fix_noise_correlation=0.9, landmark_rate=5.0),
+        wheel_separation_sigma=0.0,
+        landmark_range_offset=0.5,
+        landmark_range_offset_sigma=0.0,
+        landmark_range_scale_sigma=0.0,
+        landmark_bearing_offset_sigma=0.0,
+        **WRONG_WHEELS,
+    ),
+    "no gate": fused(SensorConfig(fix_rate=5.0, fix_outlier=0.2, heading_rate=5.0), "ekf_fnn", gate_probability=1.0),
 }
+
+
+def assert_same_histories(history, expected):
+    assert_same_poses(history[:, :3], expected.truth, 1e-9)
+    assert_same_poses(history[:, 3:6], expected.feedback, 1e-9)
+    np.testing.assert_allclose(history[:, 6:8], expected.command, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(history[:, 8], expected.sigma, rtol=0.0, atol=1e-9)
 
 
 @pytest.mark.parametrize("feedback", FEEDBACKS)
@@ -125,10 +167,7 @@ def test_it_is_the_closed_loop(name, feedback):
         world = WorldConfig(plant, sensors, StartPose(*start), seed, run)
         expected = simulate(world, controller, goal, case.steps, feedback)
         history = run_histories(case, Starts(np.array([start])), seed, run, 1)[0]
-        assert_same_poses(history[:, :3], expected.truth, 1e-9)
-        assert_same_poses(history[:, 3:6], expected.feedback, 1e-9)
-        np.testing.assert_allclose(history[:, 6:8], expected.command, rtol=0.0, atol=1e-9)
-        np.testing.assert_allclose(history[:, 8], expected.sigma, rtol=0.0, atol=1e-9)
+        assert_same_histories(history, expected)
         assert (np.nanmin(history[:, 8]) > 0.0) == (feedback == "ekf")
         moved += np.hypot(*(expected.truth[-1, :2] - expected.truth[0, :2]))
 
@@ -150,39 +189,18 @@ def test_it_is_the_closed_loop(name, feedback):
 
 
 @pytest.mark.parametrize("name", LATE)
-def test_late_measurements_are_fused_as_the_node_fuses_them(name):
-    sensors, variant, t_s = LATE[name]
-    config, plant = FilterConfig(filter=variant), PlantConfig(sampling_time=t_s)
+def test_measurements_of_all_kinds_are_fused_as_the_node_fuses_them_late_or_not(name):
+    plant, sensors, config = LATE[name]
     case = case_of(plant, sensors, feedback="ekf", steps=120)
     case = case._replace(filter=options_of(config, landmarks=True), landmarks=POINTS)
     histories = run_histories(case, Starts(np.array([START])), 9, 0, 2)
     for run, history in enumerate(histories):
         world = WorldConfig(plant, sensors, StartPose(*START), 9, run, LANDMARKS)
-        expected = simulate(world, CONTROLLER, ORIGIN, 120, "ekf", LocalizationConfig(1.0, config))
-        assert_same_poses(history[:, :3], expected.truth, 1e-9)
-        assert_same_poses(history[:, 3:6], expected.feedback, 1e-9)
-        np.testing.assert_allclose(history[:, 6:8], expected.command, rtol=0.0, atol=1e-9)
-        np.testing.assert_allclose(history[:, 8], expected.sigma, rtol=0.0, atol=1e-9)
-
-
-GYRO = SensorConfig(fix_rate=2.0, gyro_rate=10.0, gyro_bias=0.05, landmark_rate=2.0)
-SLIPPING = PlantConfig(slip_left=0.6, slip_start=4.0, slip_duration=2.0)
-
-
-@pytest.mark.parametrize("sensors", [GYRO, GYRO._replace(gyro_rate=4.0, fix_delay=0.25, fix_delay_jitter=0.4)])
-def test_a_gyro_is_fused_as_the_node_fuses_it(sensors):
-    config = FilterConfig(use_gyro=True)
-    case = case_of(SLIPPING, sensors, feedback="ekf", steps=120)
-    case = case._replace(filter=options_of(config, landmarks=True), landmarks=POINTS)
-    starts = Starts(np.array([START]))
-    history = run_histories(case, starts, 9, 0, 1)[0]
-    world = WorldConfig(SLIPPING, sensors, StartPose(*START), 9, 0, LANDMARKS)
-    expected = simulate(world, CONTROLLER, ORIGIN, 120, "ekf", LocalizationConfig(1.0, config))
-    assert_same_poses(history[:, :3], expected.truth, 1e-9)
-    assert_same_poses(history[:, 3:6], expected.feedback, 1e-9)
-    np.testing.assert_allclose(history[:, 8], expected.sigma, rtol=0.0, atol=1e-9)
-    without = run_histories(case._replace(filter=options_of(config._replace(use_gyro=False))), starts, 9, 0, 1)[0]
-    assert np.abs(without[-1, 3:6] - history[-1, 3:6]).max() > 1e-3  # it matters
+        assert_same_histories(history, simulate(world, CONTROLLER, ORIGIN, 120, "ekf", LocalizationConfig(1.0, config)))
+    if config.use_gyro:
+        case = case._replace(filter=options_of(config._replace(use_gyro=False), landmarks=True))
+        without = run_histories(case, Starts(np.array([START])), 9, 0, 1)[0]
+        assert np.abs(without[-1, 3:6] - histories[0, -1, 3:6]).max() > 1e-3, "it matters"
 
 
 def test_what_never_was_is_nan():

@@ -7,8 +7,8 @@ from diffbot_control.filter.options import FilterConfig, options_of
 from diffbot_control.law.configuration import ControllerConfig
 from diffbot_control.law.docking import Docking, DockingConfig
 from diffbot_core.data_sheet import DataSheet
-from diffbot_core.geometry import Pose, into_frame, out_of_frame
-from diffbot_sim.compiled.batch import COLUMNS, FEEDBACK_CODES, Starts, run_batch, run_histories
+from diffbot_core.geometry import Pose, out_of_frame
+from diffbot_sim.compiled.batch import FEEDBACK_CODES, Starts, run_histories
 from diffbot_sim.compiled.closed_loop import Case, buffers_for, make_loop, prepared
 from diffbot_sim.model.detector import DetectorConfig, dock_of
 from diffbot_sim.model.plant import PlantConfig
@@ -66,21 +66,3 @@ def test_compiled_it_is_plain_python(name):
     make_loop(Docking)(plain, buffers_for(plain), 7, 3, start, expected)
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-7)
     assert np.ptp(found[:, 0]) > 0.5
-
-
-def test_robots_dock_by_what_they_detect_and_know_where_they_are():
-    starts = Starts(np.array([out_of_frame(START, dock_of(DETECTOR))]), (0.3, 0.3, 0.5))
-    case = case_of(DETECTOR._replace(detection_delay=0.1), steps=800)
-    histories = run_histories(case, starts, 1, 0, 40, 1, Docking)
-    ends = np.array([into_frame(Pose(*row[-1, :3]), dock_of(DETECTOR)) for row in histories])
-    reached = run_batch(case, starts, 1, 0, 40, 1, Docking)[:, COLUMNS.index("reached_time")]
-    assert np.isfinite(reached).mean() > 0.9
-    docked = ends[np.isfinite(reached)]
-    assert np.percentile(np.abs(docked[:, 1]), 90) < LAW.dock_xy_tolerance
-    assert np.percentile(np.abs(docked[:, 2]), 90) < LAW.dock_yaw_tolerance
-    assert 0.0 < docked[:, 0].min() < docked[:, 0].max() < 0.06
-    seen = histories[:, 100, 3:6] - [into_frame(Pose(*row[100, :3]), dock_of(DETECTOR)) for row in histories]
-    assert np.abs(seen[:, 0]).max() < 5.0 * histories[:, 100, 8].max()
-    # On commands: the data sheet, the steps of the acceleration and the bound of the speed.
-    assert np.abs(np.diff(histories[:, :, 6], axis=1)).max() <= 0.5 * 0.05 + 1e-9
-    assert np.abs(np.diff(histories[:, :, 7], axis=1)).max() <= 2.0 * 0.05 + 1e-9

@@ -1,229 +1,46 @@
-"""The compiled filter is filterpy's: the same numbers after any sequence of measurements, in all variants."""
-
-import math
+"""The compiled filter takes fixes of any covariance as filterpy's does; test_batch.py compares the rest, in drives."""
 
 import numpy as np
 import pytest
+from filter_runs import SEPARATION, build_motion, covariance, fix
 
 from diffbot_control.filter.dock import FixNoise
-from diffbot_control.filter.gate import ACCEPTED, REJECTED, RELOCATED
+from diffbot_control.filter.gate import ACCEPTED, REJECTED
 from diffbot_control.filter.gated_filter import GatedFilter
-from diffbot_control.filter.landmark_calibration import NO_ERRORS
-from diffbot_control.filter.measurements import Heading, LandmarkMeasurement, PoseFix
-from diffbot_control.filter.measurements.gyro import GyroRate
-from diffbot_control.filter.models import Motion, TurnRate, slip_covariance
-from diffbot_control.filter.options import FILTERS, REJECT, WEIGH, FilterConfig, options_of
-from diffbot_core.geometry import Point, Pose
-from diffbot_core.kinematics import Twist, TwistCovariance
+from diffbot_control.filter.options import FILTERS, FilterConfig, options_of
+from diffbot_core.errors import InvalidValueError
+from diffbot_core.geometry import Pose
 from diffbot_sim.compiled import gated_filter as twin
-from diffbot_sim.compiled.late_fusion import WITH_SENSORS, WITH_WHEELS
-
-SEPARATION = 0.6
-LANDMARKS = ((3.0, 1.0), (-2.0, 4.0), (0.5, -3.0))
-
-
-def wrapped(angle):
-    return math.remainder(angle, 2.0 * math.pi)
+from diffbot_sim.compiled.late_fusion import WITH_WHEELS
 
 
 def twin_fix(pose, R):
-    return twin.PoseFix(pose, FixNoise(R[0, 0], R[0, 1], R[1, 1], R[0, 2], R[1, 2], R[2, 2]))
+    return twin.PoseFix(Pose(*pose), FixNoise(R[0, 0], R[0, 1], R[1, 1], R[0, 2], R[1, 2], R[2, 2]))
 
 
-def random_covariance(rng):
-    """Variances of a pose with correlations of any strength."""
-    factor = rng.normal(size=(3, 3))
-    R = factor @ factor.T + 1e-2 * np.eye(3)
-    sigmas = np.sqrt(rng.uniform(1e-3, 0.05, 3) / R.diagonal())
-    return R * np.outer(sigmas, sigmas)
-
-
-def flat(adaptation):
-    """All its numbers but the rules."""
-    return [
-        *adaptation.innovation,
-        *adaptation.drift,
-        adaptation.fixes,
-        adaptation.expected,
-        *adaptation.position[1:],
-        *adaptation.heading[1:],
-    ]
-
-
-def same_belief(belief, reference, wheels, tolerance):
-    x, P = reference
-    # The compiled filter always has the errors of the wheels, and those of landmarks behind them.
-    places = [0, 1, 2, *range(3, 3 + wheels), *range(6, 6 + len(x) - 3 - wheels)]
-    found = belief["x"][places]
-    np.testing.assert_allclose(found[:2], x[:2], rtol=tolerance, atol=tolerance)
-    assert wrapped(found[2] - x[2]) == pytest.approx(0.0, abs=tolerance)
-    assert -math.pi < found[2] <= math.pi
-    np.testing.assert_allclose(found[3:], x[3:], atol=tolerance)
-    np.testing.assert_allclose(belief["P"][np.ix_(places, places)], P, rtol=tolerance, atol=tolerance)
-
-
-def assert_same_colour(mine, theirs):
-    """The means of what the fixes say about the correlation of their errors."""
-    assert (mine.paired, mine.pairs) == (theirs.paired, theirs.pairs)
-    numbers = [(*one.innovation, *one.residual, *one[4:]) for one in (mine, theirs)]
-    assert numbers[0] == pytest.approx(numbers[1], rel=1e-6, abs=1e-7)
-
-
-def new_arrays(options, example):
-    arrays = np.zeros(1, example.filter.dtype)[0]
+@pytest.mark.parametrize("variant", FILTERS)
+def test_fixes_with_correlated_errors_are_taken_as_by_filterpys(variant):
+    rng, options = np.random.default_rng(1), options_of(FilterConfig(filter=variant))
+    reference, arrays = GatedFilter(options, SEPARATION), np.zeros(1, WITH_WHEELS.filter.dtype)[0]
     twin.reset_arrays(arrays, options)
-    return arrays
-
-
-def assert_same(reference, track, arrays, tolerance=1e-9):
-    estimated = reference.wheels()
-    wheels = 0 if estimated is None else len(estimated.errors)
-    same_belief(arrays["belief"], reference.memory.belief, wheels, tolerance)
-    average, reported = reference.average(), twin.reported_belief(arrays, reference.options)
-    np.testing.assert_allclose(reported["x"][:2], average.x[:2], rtol=tolerance, atol=tolerance)
-    assert wrapped(reported["x"][2] - average.x[2]) == pytest.approx(0.0, abs=tolerance)
-    np.testing.assert_allclose(reported["P"][:3, :3], average.P[:3, :3], rtol=tolerance, atol=tolerance)
-    # The same functions of nearly the same numbers: counts and times have no tolerance.
-    assert track.gate == reference.memory.gate
-    assert (reference.memory.candidate is None) == (track.gate.fixes.rejected == 0)
-    if reference.memory.candidate is not None:
-        same_belief(arrays["candidate"], reference.memory.candidate, wheels, tolerance)
-    assert_same_colour(track.fix_correlation, reference.memory.fix_correlation)
-    assert tuple(track.landmarks) == pytest.approx(tuple(reference.memory.landmarks.means), rel=1e-5, abs=1e-7)
-    other = reference.memory.adaptation
-    assert flat(track.adaptation) == pytest.approx(flat(other), rel=1e-6, abs=1e-7)
-    rules = zip(
-        (*track.adaptation.position.rules, *track.adaptation.heading.rules),
-        (*other.position.rules, *other.heading.rules),
-        strict=True,
-    )
-    for mine, theirs in rules:
-        assert mine == pytest.approx(theirs, rel=1e-6, abs=1e-7)
-
-
-@pytest.mark.parametrize(("variant", "seed"), [*zip(FILTERS, (0, 1, 0, 1), strict=True), ("ekf", 2), (FILTERS[-1], 2)])
-def test_the_compiled_filter_is_filterpys(variant, seed):
-    """The errors of fixes are correlated. Some runs take the wheel separation as given; one calibrates landmarks."""
-    rng = np.random.default_rng(seed)
-    probability = (0.9, 0.999, 1.0)[seed % 3]
-    separation_sigma = 0.0 if seed % 2 else 0.05
-    options = options_of(
-        FilterConfig(
-            filter=variant,
-            gate_probability=probability,
-            relocation_timeout=0.8,
-            wheel_separation_sigma=separation_sigma,
-            wheels_as_configured=0.5 if seed % 2 else 0.2,
-            left_radius_error=0.02 if seed else 0.0,
-            right_radius_error=-0.01 if seed else 0.0,
-            wheel_separation_error=0.03 if seed else 0.0,
-            landmark_range_offset=0.03,
-            landmark_gate=WEIGH if variant == FILTERS[-1] else REJECT,
-        ),
-        landmarks=seed == 2,
-    )
-    if seed != 2:
-        options = options._replace(landmark_errors=NO_ERRORS)
-    example = WITH_SENSORS if seed == 2 else WITH_WHEELS
-    reference, track, arrays = GatedFilter(options, SEPARATION), twin.new_track(), new_arrays(options, example)
-    seen = np.zeros(len(LANDMARKS), example.seen.dtype)
-    truth = np.array([*rng.uniform(-1.0, 1.0, 2), math.pi - 0.01 if seed % 2 else rng.uniform(-math.pi, math.pi)])
-    R = random_covariance(rng)
-    reference.reset_to(Pose(*truth), R)
-    track = twin.take_fix(track, arrays, twin_fix(Pose(*truth), R), options)
-    assert_same(reference, track, arrays)
-    now, verdicts, kinds = 0.0, set(), ["fix"] * 4 + ["heading", "landmark", "outlier"]
-    for step in range(300):
-        v, omega, dt = rng.uniform(-1.0, 2.0), rng.uniform(-4.0, 4.0), rng.uniform(0.01, 0.3)
-        a, b, rho = *rng.uniform(1e-3, 0.1, 2), rng.uniform(-0.9, 0.9)
-        motion = Motion(Twist(v, omega), dt, TwistCovariance(a * a, rho * a * b, b * b))
+    start, R, outcomes = (1.0, -2.0, 3.1), covariance(rng, 3, 0.05, 0.3), set()
+    reference.reset_to(Pose(*start), R)
+    track = twin.take_fix(twin.new_track(), arrays, twin_fix(start, R), options)
+    for number in range(30):
+        motion = build_motion(0.0, 0.0, 0.1, 0.01, 0.005, 0.02)
         reference.predict(motion)
         track = twin.advance(track, arrays, motion, SEPARATION, options)
-        now += dt
-        middle = truth[2] + 0.5 * omega * dt
-        truth += [v * dt * math.cos(middle), v * dt * math.sin(middle), omega * dt]
-        if step in (100, 101, 200):
-            truth += [4.0, 1.0, 1.0]  # kidnapped
-        kind = kinds[rng.integers(len(kinds))] if step < 220 else ("heading", "landmark")[step % 2]
-        if step == 240:
-            truth += [2.0, -3.0, -1.5]  # and with no more fixes again
-        if kind in ("fix", "outlier"):
-            z = truth + rng.normal(0.0, 0.1, 3) + (rng.uniform(-3.0, 3.0, 3) if kind == "outlier" else 0.0)
-            pose = Pose(z[0], z[1], wrapped(z[2]))
-            R = random_covariance(rng)
-            verdict = reference.take(PoseFix(0, pose, R))
-            track = twin.take_fix(track, arrays, twin_fix(pose, R), options)
-            assert track.newest.fix_outcome == verdict
-            verdicts.add(verdict)
-        elif kind == "heading":
-            z, variance = wrapped(truth[2] + rng.normal(0.0, 0.1)), rng.uniform(1e-3, 0.05)
-            reference.take(Heading(0, z, np.array([[variance]])))
-            track = twin.take_heading(track, arrays, z, variance, options)
-        else:
-            x, y = LANDMARKS[number := rng.integers(3)]
-            exact = math.hypot(x - truth[0], y - truth[1]), wrapped(math.atan2(y - truth[1], x - truth[0]) - truth[2])
-            reference.take(LandmarkMeasurement(round(1e9 * now), *exact, np.diag([0.01, 0.004]), Point(x, y)))
-            measured = twin.LandmarkMeasurement(*exact, Point(x, y), 0.01, 0.004)
-            track = twin.take_landmark(track, arrays, seen[number], measured, now, options)
-        assert track.newest.nis == pytest.approx(reference.nis, rel=1e-6)
-        # Each step is held together by itself: a difference in the last digit must not grow over hundreds of steps.
-        assert_same(reference, track, arrays, 1e-7)
-    assert verdicts == ({ACCEPTED} if probability == 1.0 else {ACCEPTED, REJECTED, RELOCATED})
+        pose, R = rng.normal(start, 2.0 if number % 10 == 9 else 0.1), covariance(rng, 3, 0.05, 0.3)
+        outcomes.add(reference.take(fix(*pose, R)))
+        track = twin.take_fix(track, arrays, twin_fix(pose, R), options)
+        assert track.newest.nis == pytest.approx(reference.nis, rel=1e-9)
+        x, P = reference.memory.belief
+        np.testing.assert_allclose(arrays["belief"]["x"][:3], x[:3], rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(arrays["belief"]["P"][:3, :3], P[:3, :3], rtol=0.0, atol=1e-9)
+    assert outcomes == {ACCEPTED, REJECTED}
 
 
-def test_it_finds_the_same_correlation_of_landmarks():
-    """Their errors last 2 s; a kidnapping in between leaves no landmark a partner."""
-    rng, R = np.random.default_rng(1), np.diag([0.01, 0.004])
-    options = options_of(FilterConfig(), landmarks=True)
-    reference, track = GatedFilter(options, SEPARATION), twin.new_track()
-    arrays, seen = new_arrays(options, WITH_SENSORS), np.zeros(len(LANDMARKS), WITH_SENSORS.seen.dtype)
-    start = np.diag([0.03, 0.03, 0.01])
-    reference.reset_to(Pose(0.0, 0.0, 3.0), start)
-    track = twin.take_fix(track, arrays, twin_fix(Pose(0.0, 0.0, 3.0), start), options)
-    truth, c, errors = np.array([0.0, 0.0, 3.0]), math.exp(-0.1), rng.normal(size=(len(LANDMARKS), 2))
-    for step in range(300):
-        motion = Motion(Twist(0.4, 0.3), 0.2, TwistCovariance(4e-4, 1e-5, 4e-4))
-        reference.predict(motion)
-        track = twin.advance(track, arrays, motion, SEPARATION, options)
-        middle = truth[2] + 0.03
-        truth += [0.08 * math.cos(middle), 0.08 * math.sin(middle), 0.06]
-        if step == 150:
-            truth += [2.0, 0.0, 1.0]
-        errors = c * errors + math.sqrt(1.0 - c * c) * rng.normal(size=errors.shape)
-        for number, (x, y) in enumerate(LANDMARKS):
-            distance, bearing = math.hypot(x - truth[0], y - truth[1]), math.atan2(y - truth[1], x - truth[0])
-            z = distance + 0.1 * errors[number, 0], wrapped(bearing - truth[2] + math.sqrt(0.004) * errors[number, 1])
-            reference.take(LandmarkMeasurement(200_000_000 * step, *z, R, Point(x, y)))
-            measured = twin.LandmarkMeasurement(*z, Point(x, y), 0.01, 0.004)
-            track = twin.take_landmark(track, arrays, seen[number], measured, 0.2 * step, options)
-        assert_same(reference, track, arrays, 1e-6)
-    assert track.landmarks.time == pytest.approx(2.0, rel=0.5)
-
-
-def test_both_notice_a_slip_by_the_gyro():
-    rng, options = np.random.default_rng(4), options_of(FilterConfig(use_gyro=True), landmarks=True)
-    reference, track, arrays = GatedFilter(options, SEPARATION), twin.new_track(), new_arrays(options, WITH_SENSORS)
-    R = np.diag((0.01, 0.01, 0.01))
-    reference.reset_to(Pose(0.0, 0.0, 0.0), R)
-    track = twin.take_fix(track, arrays, twin_fix(Pose(0.0, 0.0, 0.0), R), options)
-    noticed, contradicted = [], 0
-    for step in range(300):
-        lost = np.array((0.0, 0.06 if 100 <= step < 200 else 0.9 if step == 250 else 0.0))
-        noise = rng.normal(0.0, 0.01, 2)
-        speeds = 0.6 * (1.0 + noise)
-        rate = TurnRate(0.6 * np.diff(1.0 - lost).item() / SEPARATION + 0.02, 1e-6)
-        covariance = TwistCovariance(2e-5, 0.0, 2e-4)
-        motion = Motion(Twist(speeds.mean(), np.diff(speeds).item() / SEPARATION), 0.1, covariance, rate)
-        before = reference.wheels().P[0, 0]
-        difference = reference.take_rate(GyroRate(0, rate, motion.twist, covariance, SEPARATION), 0.1)
-        track, slip = twin.take_rate(track, arrays, motion, SEPARATION, options)
-        assert tuple(slip) == pytest.approx(tuple(slip_covariance(difference or 0.0, SEPARATION)))
-        assert track.disagreement == pytest.approx(reference.memory.disagreement, abs=1e-9)
-        if reference.wheels().P[0, 0] > before:
-            noticed.append(step)
-        contradicted += difference is not None
-        reference.predict(motion)
-        track = twin.advance(track, arrays, motion, SEPARATION, options)
-        assert_same(reference, track, arrays, 1e-7)
-    assert {step // 100 for step in noticed} == {1, 2}
-    assert 0 < contradicted < 30
+def test_the_compiled_filter_refuses_what_it_does_not_have():
+    with pytest.raises(InvalidValueError, match="correlation"):
+        twin.check_supported(options_of(FilterConfig(fix_correlation_time=1.0)))
+    twin.check_supported(options_of(FilterConfig(wheel_separation_sigma=0.1)))

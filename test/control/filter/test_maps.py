@@ -1,4 +1,4 @@
-"""Ranges to walls, against the plant's own geometry, finite differences, and a robot in a room."""
+"""Ranges to walls, against the plant's own geometry and finite differences; the maps of walls and of landmarks."""
 
 import math
 
@@ -9,6 +9,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from diffbot_control.filter.gate import IGNORED, REJECTED, GateMemory, RejectionStreak
+from diffbot_control.filter.landmark_map import LandmarkMap
 from diffbot_control.filter.measurements import States
 from diffbot_control.filter.measurements.wall import WallRange
 from diffbot_control.filter.wall_map import WallMap
@@ -72,16 +73,25 @@ def test_an_obstacle_before_the_wall_is_rejected_for_as_long_as_it_stands_there(
     assert found.take(measured(1.0, BEAMS[0], walls_of([(-3.0, -1.0, -3.0, 1.0)]))) == IGNORED
 
 
+def test_landmarks_are_ordered_by_position_whatever_their_numbers():
+    found = LandmarkMap((7, -2, 0), (3.0, 2.0, 2.0), (4.0, 6.0, 5.0)).points()
+    assert list(found.items()) == [(0, (2.0, 5.0)), (-2, (2.0, 6.0)), (7, (3.0, 4.0))]
+
+
 @pytest.mark.parametrize(
-    ("values", "name"),
+    ("found", "name"),
     [
-        ({"wall_y2": (1.0,)}, "wall_y2"),
-        ({"wall_x1": (1.0,), "wall_y1": (2.0,), "wall_x2": (1.0,), "wall_y2": (2.0,)}, "wall_x1"),
-        ({"beam_topics": ("range",), "beam_x": (0.0,), "beam_y": (0.0,)}, "beam_yaw"),
-        ({"beam_topics": ("range", "range")}, "beam_topics"),
-        ({"beam_topics": ("a b",)}, "beam_topics"),
+        (WallMap(wall_y2=(1.0,)), "wall_y2"),
+        (WallMap((1.0,), (2.0,), (1.0,), (2.0,)), "wall_x1"),
+        (WallMap(beam_topics=("range",), beam_x=(0.0,), beam_y=(0.0,)), "beam_yaw"),
+        (WallMap(beam_topics=("range", "range")), "beam_topics"),
+        (WallMap(beam_topics=("a b",)), "beam_topics"),
+        (LandmarkMap((1, 2, 1), (1.0, 2.0, 3.0), (1.0, 2.0, 3.0)), "landmark_ids"),
+        (LandmarkMap((1, 2), (1.0,), (1.0, 2.0)), "landmark_x"),
+        (LandmarkMap((1, 2), (1.0, 2.0), (1.0, 2.0, 3.0)), "landmark_y"),
+        (LandmarkMap((), (1.0,), (1.0,)), "landmark_x"),
     ],
 )
-def test_lists_that_do_not_belong_together_are_refused(values, name):
+def test_lists_that_do_not_belong_together_are_refused(found, name):
     with pytest.raises(InvalidValueError, match=name):
-        WallMap(**values).check()
+        found.check()

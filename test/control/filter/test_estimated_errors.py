@@ -1,0 +1,221 @@
+"""Errors of sensors that the filter finds out: how long they last, and constant ones; its covariance stays honest."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from filter_runs import R_FIX, SEPARATION, Robot, fix, gated_filter, landmark, numbers_of, wrapped
+
+from diffbot_control.filter.fix_correlation import correlation_of, new_fix_correlation
+from diffbot_control.filter.gated_filter import GatedFilter
+from diffbot_control.filter.landmark_correlation import NO_PAIRS, Pair, compared, with_pair
+from diffbot_control.filter.options import FilterConfig, options_of
+from diffbot_core.geometry import Pose
+from diffbot_core.units import NS_PER_S
+
+DT = 0.2
+"""[s] from fix to fix, and between measurements of a landmark"""
+PLACES = (4.0, 4.0), (-4.0, 4.0), (-4.0, -4.0), (4.0, -4.0), (0.0, 7.0)
+SIGMAS = np.array((0.06, 0.03))
+MARKS = (4.0, 1.0), (-3.0, 4.0), (0.5, -4.0)
+DEVIATIONS, START = (0.04, 0.02), (0.05, 0.05, 0.02)
+PRIOR = {"landmark_range_offset_sigma": 0.1, "landmark_range_scale_sigma": 0.05, "landmark_bearing_offset_sigma": 0.05}
+
+
+class Run:
+    """What remains of a drive: the filter, and NEES of the pose and squared errors of the position [m^2]."""
+
+    def __init__(self, found, robot):
+        self.found, self.robot, self.nees, self.square = found, robot, [], []
+
+    def note(self):
+        belief = self.found.memory.belief
+        e = belief.x[:3] - self.robot.truth
+        e[2] = wrapped(e[2])
+        self.nees.append(e @ np.linalg.solve(belief.P[:3, :3], e))
+        self.square.append(e[0] ** 2 + e[1] ** 2)
+
+
+def by_fixes(c, seed, **options):
+    """40 s at 10 Hz with a fix at 5 Hz, noted after 10 s; ``c`` is the correlation of a fix's errors with the last."""
+    rng = np.random.default_rng(seed)
+    found, robot = gated_filter("ekf", **options), Robot(rng, noise=0.06)
+    sigmas, noise = np.sqrt(R_FIX.diagonal()), rng.normal(size=3)
+    robot.truth = -sigmas * noise  # the filter starts at the first fix, which is coloured, too
+    run = Run(found, robot)
+    for step in range(400):
+        found.predict(robot.move(0.5 + 0.2 * math.sin(0.05 * step), 0.4 * math.sin(0.03 * step + 0.01)))
+        if step % 2 == 0:
+            noise = c * noise + math.sqrt(1.0 - c * c) * rng.normal(size=3)
+            x, y, theta = robot.truth + sigmas * noise
+            found.take(fix(x, y, wrapped(theta)))
+        if step >= 100:
+            run.note()
+    return run
+
+
+def by_landmarks(c, seed, **options):
+    """40 s at 5 Hz, all landmarks at each step, noted after 16 s."""
+    rng = np.random.default_rng(seed)
+    robot = Robot(rng, noise=0.06, dt=DT)
+    robot.truth = np.array((1.0, 0.0, 3.0))
+    found = GatedFilter(options_of(FilterConfig(**options), landmarks=True), SEPARATION)
+    found.reset_to(Pose(*robot.truth), 1e-4 * R_FIX)
+    run, errors = Run(found, robot), rng.normal(size=(len(PLACES), 2))
+    for step in range(1, 200):
+        found.predict(robot.move(0.5, 0.3))
+        errors = c * errors + math.sqrt(1.0 - c * c) * rng.normal(size=errors.shape)
+        for place, error in zip(PLACES, errors, strict=True):
+            seen = landmark(robot.truth, place, np.diag(SIGMAS**2))
+            distance, bearing = (numbers_of(seen) + SIGMAS * error).tolist()
+            stamp = round(step * DT * NS_PER_S)
+            found.take(replace(seen, stamp=stamp, range=distance, bearing=wrapped(bearing)))
+        if step >= 80:
+            run.note()
+    return run
+
+
+def correlation_found(run):
+    factor, time = run.found.memory.fix_correlation.inflation, run.found.memory.landmarks.means.time
+    return math.exp(-DT / time) if time else (factor - 1.0) / (factor + 1.0)
+
+
+def together(drive, c, **options):
+    """Mean NEES and RMSE [m] over eight runs by fixes or three by landmarks, and the mean correlation found."""
+    done = [drive(c, seed, **options) for seed in range(8 if drive is by_fixes else 3)]
+    found = np.mean([correlation_found(one) for one in done])
+    return np.mean([one.nees for one in done]), math.sqrt(np.mean([one.square for one in done])), found
+
+
+@pytest.mark.study
+@pytest.mark.parametrize(
+    ("drive", "c", "within", "most", "blind"),
+    [
+        (by_fixes, 0.5, 0.2, 6.0, 5.0),
+        (by_fixes, 0.9, 0.2, 6.0, 12.0),
+        (by_landmarks, math.exp(-DT / 0.5), 0.1, 5.0, 6.0),
+        (by_landmarks, math.exp(-DT / 3.0), 0.02, 5.0, 12.0),
+    ],
+)
+def test_the_covariance_is_honest_with_errors_that_last(drive, c, within, most, blind):
+    nees, rmse, found = together(drive, c)
+    without, rmse_without, _ = together(drive, c, detect_correlation=False)
+    assert 1.0 < nees < most
+    assert without > blind
+    assert rmse < 1.05 * rmse_without
+    assert found == pytest.approx(c, abs=within)
+
+
+@pytest.mark.study
+@pytest.mark.parametrize(("drive", "most"), [(by_fixes, 0.05), (by_landmarks, 0.13)])
+def test_with_independent_errors_nothing_changes(drive, most):
+    nees, rmse, found = together(drive, 0.0)
+    without, rmse_without, _ = together(drive, 0.0, detect_correlation=False)
+    assert nees == pytest.approx(without, rel=0.1)
+    assert rmse == pytest.approx(rmse_without, rel=0.02)
+    assert found < most
+
+
+def calibrated(seed, errors, *, estimated=True, **options):
+    """Drive for 100 s past three landmarks whose sensor has these constant errors; it is noted after 20 s."""
+    rng, (offset, scale, turn) = np.random.default_rng(seed), errors
+    robot = Robot(rng, dt=DT)
+    robot.truth = rng.normal(scale=START)
+    found = GatedFilter(options_of(FilterConfig(filter="ekf", **options), landmarks=estimated), SEPARATION)
+    found.reset_to(Pose(0.0, 0.0, 0.0), np.diag(START) ** 2)
+    run = Run(found, robot)
+    for step in range(500):
+        found.predict(robot.move(0.5, 0.6 * math.sin(step / 40.0) + 0.01))
+        if step % 5 == 0:
+            seen = landmark(robot.truth, MARKS[rng.integers(3)], np.diag(DEVIATIONS) ** 2)
+            z = np.array(((1.0 + scale) * seen.range + offset, seen.bearing + turn)) + rng.normal(scale=DEVIATIONS)
+            found.take(replace(seen, stamp=step, range=z.item(0), bearing=wrapped(z.item(1))))
+        if step >= 100:
+            run.note()
+    return run
+
+
+@pytest.mark.study
+def test_constant_errors_are_found_and_the_covariance_is_honest():
+    """8 drives with errors drawn from the prior: NEES of pose and errors 3 each; without the states it is far more."""
+    scales = np.array(list(PRIOR.values()))
+    pose, errors, blind = [], [], []
+    for seed in range(8):
+        truth = np.random.default_rng(100 + seed).normal(scale=scales)
+        run = calibrated(seed, truth, **PRIOR, gate_probability=1.0)
+        estimate = run.found.landmark_errors()
+        away = estimate.errors - truth
+        pose += run.nees
+        errors.append(away @ np.linalg.solve(estimate.P, away))
+        blind += calibrated(seed, truth, estimated=False, gate_probability=1.0).nees
+    # 24 degrees of freedom: 99.8 % of the means are between the bounds; those of the pose are correlated in time.
+    assert 1.0 < np.mean(errors) < 6.4
+    assert 1.5 < np.mean(pose) < 5.6
+    assert np.mean(blind) > 3.0 * np.mean(pose)
+
+
+def test_the_option_and_the_other_mechanisms_switch_it_off():
+    assert options_of(FilterConfig()).detects_fix_correlation
+    assert not options_of(FilterConfig(detect_correlation=False)).detects_fix_correlation
+    assert not options_of(FilterConfig(fix_correlation_time=1.0)).detects_fix_correlation
+    assert not options_of(FilterConfig(filter="ekf_fnn")).detects_fix_correlation
+    assert not options_of(FilterConfig(filter="ekf_fnn_calibrating")).detects_fix_correlation
+    found = by_fixes(0.9, 0).found
+    assert found.memory.fix_correlation.inflation > 3.0
+    found.reset_to(Pose(9.0, 9.0, 0.0), R_FIX)
+    assert found.memory.fix_correlation.inflation > 3.0, "it survives a relocation"
+    found.reset()
+    assert found.memory.fix_correlation == new_fix_correlation()
+    told = by_fixes(0.9, 0, fix_correlation_time=-0.2 / math.log(0.9)).found
+    assert told.memory.fix_correlation == new_fix_correlation()
+
+
+@pytest.mark.parametrize("c", [0.3, 0.6, 0.9])
+def test_right_means_give_the_correlation(c):
+    # Of noise with variance R: half the squared difference 1 - c, the product of neighbours c.
+    assert correlation_of(1.0 - c, 0.0, c, 200) == pytest.approx(c)
+    assert correlation_of(1.0 - c + 0.1, 0.1, c, 200) == pytest.approx(c)
+    assert correlation_of(0.1 * (1.0 - c), 0.0, 0.1 * c, 200) == pytest.approx(c)  # R claimed ten times as large
+    assert correlation_of(1.0 - c, 0.0, 0.0, 200) == 0.0  # white fixes of too large a claimed R
+    assert correlation_of(1.0, 0.0, c, 200) == 0.0  # a drift
+    assert correlation_of(1.0 - c, 0.0, c, 1) == 0.0  # too few
+
+
+def test_what_was_found_survives_a_relocation_but_no_landmark_has_a_partner():
+    found = by_landmarks(0.9, 0).found
+    means = found.memory.landmarks.means
+    found.reset_to(Pose(9.0, 9.0, 0.0), R_FIX)
+    assert found.memory.landmarks.means == means
+    assert not found.memory.landmarks.seen
+    found.reset()
+    assert found.landmark_correlation_time() == 0.0
+
+
+def test_a_pair_is_compared_by_its_own_covariance():
+    y, before = np.array((0.3, -0.1)), np.array((0.1, 0.1))
+    H, R = np.array([[0.6, -0.8, 0.0], [0.16, 0.12, -1.0]]), np.diag((0.04, 0.01))
+    shift, spread = np.array((0.1, 0.05, 0.02)), (0.002, 0.001)
+    pair = compared(y, before, H, R, shift, spread, 0.5)
+    residual = y - before + H @ shift
+    weight = np.linalg.inv(R)
+    assert pair.difference == pytest.approx(residual @ weight @ residual / 4.0)
+    moved = H @ np.diag((spread[0], spread[0], spread[1])) @ H.T
+    assert pair.motion == pytest.approx(np.trace(moved @ weight) / 4.0)
+    assert (pair.product, pair.square) == pytest.approx((before @ weight @ y / 2.0, y @ weight @ y / 2.0))
+    assert (pair.numbers, pair.dt) == (2, 0.5)
+
+
+@pytest.mark.parametrize(("motion", "c"), [(0.0, 0.8), (0.05, 0.85), (0.5, 0.9)])
+def test_the_motion_explains_half_of_the_difference_at_most(motion, c):
+    """White noise and c of it, and odometry that claims more noise than the measurements show."""
+    means = NO_PAIRS
+    for _ in range(300):
+        means = with_pair(means, Pair(0.2, motion, 2.0, 2.2, 2, 0.4))
+    assert means.pairs == 200
+    assert math.exp(-0.4 / means.time) == pytest.approx(c)
+
+
+@pytest.mark.parametrize(("difference", "motion"), [(40.0, 0.0), (0.2, 1.5)])
+def test_an_outlier_or_a_long_way_has_no_partner(difference, motion):
+    assert with_pair(NO_PAIRS, Pair(difference, motion, 1.0, 1.0, 2, 0.4)) == NO_PAIRS
