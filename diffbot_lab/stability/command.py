@@ -11,7 +11,7 @@ from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_lab.stability.result_file import read_result
 from diffbot_tools.arguments import MAX_SEED, number_between, once, setting, whole
 
-TUNED = "tuned"
+PAPER, TUNED = "17", "tuned"
 _OF_PAPER = ("width", "columns")
 _OF_ESTIMATE = ("eps_position", "eps_theta", "sigma_max")
 _OF_BASE = ("wheel_error", "eps_v", "eps_omega")
@@ -43,7 +43,7 @@ def add_settings(parser: argparse.ArgumentParser) -> None:
 def _add_certify(verbs: Any) -> None:
     certify = verbs.add_parser("certify", help="certify where the noisy loop ends, and after what time at most")
     certify.add_argument(
-        "--law", choices=("13", "17", TUNED), default="17", help="equation, or the default law (default: %(default)s)"
+        "--law", choices=("13", "17", TUNED), help="equation, or the default law (default: 17; with --robot tuned)"
     )
     add_settings(certify)
     certify.add_argument("--rho-max", type=number_between(0.1, 100.0), help="starts are within [m] (12)")
@@ -108,6 +108,7 @@ def _given(options: argparse.Namespace, names: tuple[str, ...]) -> dict[str, Any
 
 
 def _certify(options: argparse.Namespace) -> int:
+    options.law = options.law or (PAPER if options.robot is None else TUNED)
     others = _OF_PAPER if options.law == TUNED else (*_OF_ROBOT, *_OF_ESTIMATE, *_OF_BASE, *_OF_PLAN)
     for name, value in _given(options, others).items():
         raise InvalidValueError(f"--{name.replace('_', '-')}", value, f"left out with --law {options.law}")

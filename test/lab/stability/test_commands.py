@@ -77,7 +77,7 @@ def test_a_certificate_of_the_tuned_law_is_made_and_verified(tmp_path, capsys):
         (["certify", "--law", "17", "--margin", "0.1"], 1, "--margin = 0.1: must be left out with --law 17"),
         (["certify", "--law", "tuned", "--set", "command_latency=0.1"], 1, "eps_v = 0.0: must be above 0 with"),
         (["certify", "--law", "tuned", "--since", "5"], 1, "--since = 5.0: must be left out without --robot"),
-        (["certify", "--law", "tuned", "--robot", "tank"], 1, "robot = 'tank'"),
+        (["certify", "--robot", "tank"], 1, "robot = 'tank'"),
         (["verify", "absent.json"], 1, "cannot read absent.json"),
         (["adversary", "absent.json"], 1, "cannot read absent.json"),
     ],
