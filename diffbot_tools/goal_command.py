@@ -138,7 +138,8 @@ def _send(client: Any, options: GoalOptions, began: float) -> None:
             break
         # Discovery may take longer than the first look.
         new = [line for line in _what_is_seen(client.seen_controllers(), options) if line not in said]
-        print(*new, sep="\n", end="\n" * bool(new), file=sys.stderr, flush=True)
+        for line in new:
+            print(line, file=sys.stderr, flush=True)
         said += new
     client.send_goal([options.pose], timeout=max(deadline - time.monotonic(), 0.0))
 

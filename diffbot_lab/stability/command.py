@@ -13,8 +13,7 @@ from diffbot_tools.arguments import MAX_SEED, number_between, once, setting, who
 
 PAPER, TUNED = "17", "tuned"
 _OF_PAPER = ("width", "columns")
-_OF_ESTIMATE = ("eps_position", "eps_theta", "sigma_max")
-_OF_BASE = ("wheel_error", "eps_v", "eps_omega")
+_OF_CONTRACT = ("eps_position", "eps_theta", "sigma_max", "wheel_error", "eps_v", "eps_omega")
 _OF_PLAN = ("period", "margin", "fineness")
 _OF_ROBOT = ("robot", "since")
 """Options of ``certify`` that one kind of law has."""
@@ -109,7 +108,7 @@ def _given(options: argparse.Namespace, names: tuple[str, ...]) -> dict[str, Any
 
 def _certify(options: argparse.Namespace) -> int:
     options.law = options.law or (PAPER if options.robot is None else TUNED)
-    others = _OF_PAPER if options.law == TUNED else (*_OF_ROBOT, *_OF_ESTIMATE, *_OF_BASE, *_OF_PLAN)
+    others = _OF_PAPER if options.law == TUNED else (*_OF_ROBOT, *_OF_CONTRACT, *_OF_PLAN)
     for name, value in _given(options, others).items():
         raise InvalidValueError(f"--{name.replace('_', '-')}", value, f"left out with --law {options.law}")
     return (_certify_tuned if options.law == TUNED else _certify_paper)(options)
@@ -119,7 +118,7 @@ def _certify_tuned(options: argparse.Namespace) -> int:
     from diffbot_lab.stability.tuned import command  # noqa: PLC0415
     from diffbot_lab.stability.tuned.contract import Contract, Plan  # noqa: PLC0415
 
-    bounds, cells = _given(options, (*_OF_ESTIMATE, *_OF_BASE)), _given(options, _OF_PLAN)
+    bounds, cells = _given(options, _OF_CONTRACT), _given(options, _OF_PLAN)
     if options.robot is not None:
         from diffbot_lab.stability.robot import certify_robot  # noqa: PLC0415
 
@@ -153,7 +152,7 @@ def _contract(options: argparse.Namespace) -> int:
     from diffbot_lab.stability.contract import command  # noqa: PLC0415
     from diffbot_lab.stability.tuned.contract import Contract  # noqa: PLC0415
 
-    bounds = _given(options, (*_OF_ESTIMATE, *_OF_BASE))
+    bounds = _given(options, _OF_CONTRACT)
     if options.robot is not None:
         from diffbot_tools.robot.robot import read_robot  # noqa: PLC0415
 

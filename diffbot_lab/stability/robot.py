@@ -52,10 +52,14 @@ def certify_robot(
                 f"no contract: {', '.join(unbounded)} has no bound from {since:g} s on; take a later --since"
             )
         contract = Contract(**{**contract._asdict(), **found, **bounds})
-        others = observe(runs, contract, SEED + 1, bar)
+        others = observe(runs_of_robot(robot, _RUNS, SEED + 1), contract, SEED + 1, bar)
     share = share_of(kept(others[:, part], contract))
     plan = Plan(contract, t_s, farthest_start(robot), **cells)
-    certify_and_save(runs.case.controller, plan, out, threads)
+    try:
+        certify_and_save(runs.case.controller, plan, out, threads)
+    except DiffbotError as error:
+        bounds_kept = ", ".join(f"{name} {value:g}" for name, value in contract._asdict().items())
+        raise DiffbotError(f"{error}; contract from {since:g} s on: {bounds_kept}") from None
     print(
         f"In {100.0 * share.runs:.1f} % [{100.0 * share.low:.1f}, {100.0 * share.high:.1f}] of {steps} other runs the "
         f"contract is kept from {since:g} s to {_END:g} s."

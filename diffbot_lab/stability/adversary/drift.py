@@ -20,7 +20,7 @@ from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import Estimate, Uncertainty
 from diffbot_lab.stability.tuned.near import resting_radius
-from diffbot_lab.stability.tuned.runs import SIGMA_THETA, Loop
+from diffbot_lab.stability.tuned.runs import SIGMA_THETA, ContractLoop
 from diffbot_sim.model.plant import integrate
 
 _GOAL = Pose(0.0, 0.0, 0.0)
@@ -52,7 +52,7 @@ class Drift(NamedTuple):
     """[s] until then"""
 
 
-def drift_of(loop: Loop) -> Drift:
+def drift_of(loop: ContractLoop) -> Drift:
     """Return the farthest of both against a loop, from a few starts beside the goal."""
     leaving = resting_radius(loop.law, loop.contract.sigma_max)
     starts = (leaving + share * loop.contract.eps_position for share in _STARTS)
@@ -60,7 +60,7 @@ def drift_of(loop: Loop) -> Drift:
     return max(*drifts, *(lured_out(loop, leaving, share) for share in _OUT))
 
 
-def drift(loop: Loop, leaving: float, start: Pose, steps: int) -> Drift:
+def drift(loop: ContractLoop, leaving: float, start: Pose, steps: int) -> Drift:
     """Send the robot to and fro until Omega_L is left.
 
     Args:
@@ -82,7 +82,7 @@ def drift(loop: Loop, leaving: float, start: Pose, steps: int) -> Drift:
     return _farthest(loop, start, steps, errors)
 
 
-def lured_out(loop: Loop, leaving: float, share: float) -> Drift:
+def lured_out(loop: ContractLoop, leaving: float, share: float) -> Drift:
     """Let a V begin with the largest lateral error, and show the robot nearer than it is, until Omega_L is left.
 
     Args:
@@ -100,7 +100,7 @@ def lured_out(loop: Loop, leaving: float, share: float) -> Drift:
     return _farthest(loop, start, _STEPS, errors)
 
 
-def _farthest(loop: Loop, start: Pose, steps: int, errors: Errors) -> Drift:
+def _farthest(loop: ContractLoop, start: Pose, steps: int, errors: Errors) -> Drift:
     memory = new_memory()._replace(switching=Switching(OMEGA_L, 1, 0), command=_ARRIVING)
     uncertainty, pose = Uncertainty(loop.contract.sigma_max, SIGMA_THETA), start
     farthest, when = math.hypot(start.x, start.y), 0.0

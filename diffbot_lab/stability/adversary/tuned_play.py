@@ -14,7 +14,7 @@ from diffbot_lab.stability.adversary.observe import Observed
 from diffbot_lab.stability.adversary.search import CANDIDATES, STEPS, noise_of, score
 from diffbot_lab.stability.interval.compiled import compile_bounds
 from diffbot_lab.stability.tuned.file import Certificate
-from diffbot_lab.stability.tuned.runs import Loop, drive, next_pose, sample
+from diffbot_lab.stability.tuned.runs import ContractLoop, drive, next_pose, sample
 
 Array = NDArray[np.float64]
 
@@ -29,7 +29,7 @@ def errors_of(candidate: int, pose: Pose) -> tuple[float, float, float, float, f
     return x, y, theta, left, right, pose.x / rho, pose.y / rho, 0.5 * (right - left)
 
 
-def _play(loop: Loop, start: Any, weights: Any, path: Any) -> None:
+def _play(loop: ContractLoop, start: Any, weights: Any, path: Any) -> None:
     """Fill ``path`` (steps, 3) with the poses of the greedy adversary."""
     pose, memory = Pose(start[0], start[1], start[2]), new_memory()
     for step in range(len(path)):
@@ -47,7 +47,7 @@ def _play(loop: Loop, start: Any, weights: Any, path: Any) -> None:
 _play_kernel = compile_bounds(_play)
 
 
-def play_tuned(loop: Loop, start: Array, weights: Array, steps: int = STEPS) -> Array:
+def play_tuned(loop: ContractLoop, start: Array, weights: Array, steps: int = STEPS) -> Array:
     """Return the poses (steps, 3) under the adversary with these weights, from a start x, y [m], theta [rad]."""
     path: Array = np.empty((steps, 3))
     _play_kernel(loop, start, weights, path)

@@ -49,7 +49,7 @@ def deviations(
         False if the law's commands are not those of the history.
     """
     goal, memory, half = Pose(0.0, 0.0, 0.0), new_memory(), 0.5 * config.data_sheet.wheels.wheel_separation
-    before, requested, known, on_leg, is_far = goal, Twist(0.0, 0.0), False, False, False
+    before, requested, known, is_far = goal, Twist(0.0, 0.0), False, False
     for index in range(len(history)):
         row, dt = history[index], t_s if index > 0 else 0.0
         if math.isnan(row[3]):
@@ -62,19 +62,21 @@ def deviations(
         _, seen = coasted_estimate(memory, estimate, dt, config)
         _, true = coasted_estimate(memory, truth, dt, config)
         if known:
-            put_motion(out[index - 1], before, true.pose, requested, (wheel_error, half, t_s))
+            beside, turned = motion_errors(before, true.pose, requested, (wheel_error, half, t_s))
             if not is_far:
-                way = math.hypot(true.pose.x - before.x, true.pose.y - before.y) / t_s
-                out[index - 1, 3] = min(out[index - 1, 3], max(way - fastest_leg(config.finish), 0.0))
-                out[index - 1, 4] = 0.0
+                speed = math.hypot(true.pose.x - before.x, true.pose.y - before.y) / t_s
+                rotation = abs(wrap_angle(true.pose.theta - before.theta)) / t_s
+                beside = min(beside, max(speed - fastest_leg(config.finish), 0.0))
+                turned = min(turned, max(rotation - law.data_sheet.omega_max, 0.0))
+            out[index - 1, 3], out[index - 1, 4] = beside, turned
         if index == len(out):
             break
         _, requested, _ = step(memory, seen, goal, dt, law)
         memory, command, _ = step(memory, estimate, goal, dt, config)
-        known, on_leg, is_far, before = True, is_leg(memory.finish), memory.switching.region == OMEGA_G, true.pose
+        known, is_far, before = True, memory.switching.region == OMEGA_G, true.pose
         out[index, 0] = math.hypot(seen.pose.x - true.pose.x, seen.pose.y - true.pose.y)
         out[index, 1] = abs(wrap_angle(seen.pose.theta - true.pose.theta))
-        out[index, 2], out[index, 5] = seen.uncertainty.xy, 1.0 if on_leg else 0.0
+        out[index, 2], out[index, 5] = seen.uncertainty.xy, 1.0 if is_leg(memory.finish) else 0.0
         if not knowable_heading(config.tolerance, seen.uncertainty):
             out[index, 2] = math.inf
         if not abs(command.v - row[6]) + abs(command.omega - row[7]) < _SAME:
@@ -82,11 +84,12 @@ def deviations(
     return True
 
 
-def put_motion(row: Any, before: Pose, after: Pose, requested: Twist, numbers: tuple[float, float, float]) -> None:
-    """Write how far a motion in one step is from the requested one, beyond the errors of the wheels.
+def motion_errors(
+    before: Pose, after: Pose, requested: Twist, numbers: tuple[float, float, float]
+) -> tuple[float, float]:
+    """Return how far a motion in one step is from the requested one, [m/s] and [rad/s], beyond the wheels' errors.
 
     Args:
-        row: eps_v [m/s] goes to its place 3, eps_omega [rad/s] to 4.
         before: pose.
         after: pose, a step later.
         requested: twist.
@@ -96,8 +99,8 @@ def put_motion(row: Any, before: Pose, after: Pose, requested: Twist, numbers: t
     omega = wrap_angle(after.theta - before.theta) / t_s
     expected = integrate(before, Twist(requested.v, omega), t_s, True)
     allowed = wheel_error * max(abs(requested.v), half * abs(requested.omega))
-    row[3] = max(math.hypot(after.x - expected.x, after.y - expected.y) / t_s - allowed, 0.0)
-    row[4] = max(abs(omega - requested.omega) - allowed / half, 0.0)
+    beside = max(math.hypot(after.x - expected.x, after.y - expected.y) / t_s - allowed, 0.0)
+    return beside, max(abs(omega - requested.omega) - allowed / half, 0.0)
 
 
 def _all(config: Any, law: Any, wheel_error: float, t_s: float, histories: Any, out: Any) -> int:

@@ -93,7 +93,8 @@ def steps_from(table: Table, ranks: NDArray[np.int16], distance: float) -> int:
         row = int(np.searchsorted(table.start, bad, side="right")) - 1
         share = float((ranks == UNRANKED).mean())
         raise DiffbotError(
-            f"no certificate: {100.0 * share:.3g} % of the cells, from {table.rho[row]:.4g} m, have no rank"
+            f"no certificate: {100.0 * share:.3g} % of the cells, from {table.rho[row]:.4g} m, have no rank: "
+            "the errors may cancel the robot's progress there"
         )
     return int(ranks.max(initial=0))
 
@@ -240,5 +241,7 @@ def _spread(table: Table, images: list[Boxes], ranks: NDArray[np.int16]) -> None
         for row, (boxes, start) in enumerate(images):
             fresh = spread_kernel(table, row, boxes, start, ranks, done)
             if fresh < 0:
-                raise DiffbotError("no certificate: the core reaches as far as the cells do")
+                raise DiffbotError(
+                    "no certificate: the errors may drive the robot from the goal as far as the cells reach"
+                )
             added += fresh

@@ -28,7 +28,7 @@ _PLANT = PlantConfig()
 
 
 class Contract(NamedTuple):
-    """What estimate and base keep in every step since the goal was new."""
+    """What estimate and base keep in every step, from some step on."""
 
     eps_position: float = 0.06
     """[m] bound of the distance of the estimated from the true position"""
@@ -39,14 +39,15 @@ class Contract(NamedTuple):
     wheel_error: float = _PLANT.drive_noise
     """[-] bound of the relative error of each wheel's speed"""
     eps_v: float = 0.0
-    """[m/s] how far beside the requested motion the base is after a step, per time, beyond the errors of the wheels; in
-    Omega_L it may also drive anywhere, if it is no more than that faster than every leg of the finish"""
+    """[m/s] distance of the base after a step from where the requested motion ends, per time, beyond the errors of the
+    wheels; in Omega_L any motion is allowed that is faster than the legs of the finish by no more than that"""
     eps_omega: float = 0.0
-    """[rad/s] by how much its rotation differs from the requested one, beyond the errors of the wheels, in Omega_G"""
+    """[rad/s] difference from the requested rotation, beyond the errors of the wheels; in Omega_L any rotation is
+    allowed that is faster than ``omega_max`` by no more than that"""
 
 
-ESTIMATE = ("eps_position", "eps_theta", "sigma_max")
-BASE = ("wheel_error", "eps_v", "eps_omega")
+_OF_ESTIMATE = ("eps_position", "eps_theta", "sigma_max")
+"""Bounds that are above 0; those of the base may be 0."""
 
 
 class Plan(NamedTuple):
@@ -72,15 +73,14 @@ def check_plan(plan: Plan) -> None:
     Raises:
         InvalidValueError: naming the first.
     """
-    for names, low, high in ((ESTIMATE, 1e-6, 0.999), (BASE, 0.0, 0.999)):
-        for name in names:
-            check_number(name, getattr(plan.contract, name), low, high)
+    for name, value in plan.contract._asdict().items():
+        check_number(name, value, 1e-6 if name in _OF_ESTIMATE else 0.0, 0.999)
     for name, (low, high) in _RANGES.items():
         check_number(name, getattr(plan, name), low, high)
 
 
-_ABOUT = 1.001
-"""A rotation that is this little faster than the rims allow was meant to be as fast; the base is slower then."""
+_ROUNDED = 1.001
+"""factor by which omega_max may be above what the rims allow, as in rounded data sheets; it is lowered to that"""
 
 
 def requesting(config: ControllerConfig, plan: Plan) -> ControllerConfig:
@@ -100,7 +100,7 @@ def requesting(config: ControllerConfig, plan: Plan) -> ControllerConfig:
     for name in ("v_max", "omega_max", "wheel_max"):
         _require(name, getattr(sheet, name), getattr(sheet, name) < inf, "finite")
     most = rim_speed(sheet) / (0.5 * sheet.wheels.wheel_separation)
-    _require("omega_max", sheet.omega_max, sheet.omega_max <= _ABOUT * most, f"at most {most:g}")
+    _require("omega_max", sheet.omega_max, sheet.omega_max <= _ROUNDED * most, f"at most {most:g}")
     obedient = sheet._replace(
         a_max=inf, omega_dot_max=inf, command_latency=0.0, drive_time_constant=0.0, min_velocity=0.0, min_rotation=0.0
     )

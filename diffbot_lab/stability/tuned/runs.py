@@ -36,11 +36,10 @@ SIGMA_THETA = 0.01
 _RUNS_AT_A_TIME = 2000
 _SHORT = 20
 """steps of a run from a memory that is drawn"""
-_LEGS = 12
 
 
-class Loop(NamedTuple):
-    """What a certificate is about."""
+class ContractLoop(NamedTuple):
+    """The closed loop that a certificate is about: the law and the errors that it may meet."""
 
     law: ControllerConfig
     """as it requests"""
@@ -63,13 +62,13 @@ class Counts(NamedTuple):
     """steps until a run was in the core for good"""
 
 
-def loop_of(certificate: Certificate) -> Loop:
+def loop_of(certificate: Certificate) -> ContractLoop:
     """Return the loop that a certificate is about."""
     plan = certificate.plan
-    return Loop(requesting(certificate.config, plan), plan.contract, plan.period)
+    return ContractLoop(requesting(certificate.config, plan), plan.contract, plan.period)
 
 
-def next_pose(loop: Loop, pose: Pose, memory: ControllerMemory, sigma: float, errors: Any) -> Any:
+def next_pose(loop: ContractLoop, pose: Pose, memory: ControllerMemory, sigma: float, errors: Any) -> Any:
     """Return pose and memory after one step towards the origin.
 
     Args:
@@ -106,7 +105,7 @@ def rank_of(cells: Cells, pose: Pose, leading: int) -> int:
     return rank_at(cells, math.hypot(pose.x, pose.y), wrap_angle(beta - pose.theta - turned), wrap_angle(beta - turned))
 
 
-def memory_at(loop: Loop, rho: float, within: float, reach: float, rng: Any) -> ControllerMemory:
+def memory_at(loop: ContractLoop, rho: float, within: float, reach: float, rng: Any) -> ControllerMemory:
     """Draw a memory that the law may have at a true distance ``rho`` [m] when a contract begins to hold, or later.
 
     Args:
@@ -127,15 +126,13 @@ def memory_at(loop: Loop, rho: float, within: float, reach: float, rng: Any) -> 
         if kind < 0.4:
             command = Twist(0.0, 0.0)
             finish = Finish(NO_LEG, 0.0, 0.0, 0, 2.0 * loop.law.finish.finish_wait * rng.random())
-        elif kind < 0.6 and rho < within:
-            longest = 0.5 * loop.law.tolerance.xy_goal_tolerance
-            finish = Finish(TO_AND_FRO, side, longest * rng.random(), 1 + int(_LEGS * rng.random()), 0.0)
-        elif kind < 0.9 and rho < within:
-            finish = Finish(V_LEG, side, reach * rng.random(), 1 + int(2.0 * rng.random()), 0.0)
+        elif rho < within:
+            leg = TO_AND_FRO if kind < 0.6 else V_LEG
+            finish = Finish(leg, side, reach * rng.random(), 1 + int(3.0 * rng.random()), 0.0)
     return ControllerMemory(switching, command, new.settling, new.reapproach, finish, course, new.actuation, reached)
 
 
-def _runs(loop: Loop, cells: Cells, starts: Any, drawn: Any, steps: int, rng: Any, out: Any) -> None:
+def _runs(loop: ContractLoop, cells: Cells, starts: Any, drawn: Any, steps: int, rng: Any, out: Any) -> None:
     """Drive from each start with random errors, half of them at their bounds.
 
     Args:
@@ -196,8 +193,8 @@ def drive(
 
     Args:
         certificate: to compare with.
-        runs: how many; starts are all over the disc of ``radius`` [m], half of them within the core's.
-        radius: [m]
+        runs: how many.
+        radius: [m] starts are all over the disc; if the memory is drawn, half of them where legs may be driven.
         steps: of each.
         seed: part i of the runs has the generator (seed, i).
         any_memory: the memory at the start is drawn, too; otherwise that of a new goal.

@@ -12,11 +12,11 @@ from diffbot_core.uncertainty import Estimate, Uncertainty
 from diffbot_lab.stability.adversary.figure import field_of_tuned
 from diffbot_lab.stability.adversary.tuned_play import observe_tuned
 from diffbot_lab.stability.tuned.contract import Contract
-from diffbot_lab.stability.tuned.runs import Loop, next_pose
+from diffbot_lab.stability.tuned.runs import ContractLoop, next_pose
 from diffbot_sim.model.philox import Draw
 from diffbot_sim.model.plant import PlantConfig, new_plant, plant_step
 
-LOOP = Loop(ControllerConfig(), Contract(), 0.1)
+LOOP = ContractLoop(ControllerConfig(), Contract(), 0.1)
 PLANT = PlantConfig()
 
 

@@ -14,7 +14,7 @@ from diffbot_lab.stability.tuned.certify import certify, tuned_loop
 from diffbot_lab.stability.tuned.check.commands import numbers_of
 from diffbot_lab.stability.tuned.contract import Contract, Plan
 from diffbot_lab.stability.tuned.file import first_cells
-from diffbot_lab.stability.tuned.runs import Loop
+from diffbot_lab.stability.tuned.runs import ContractLoop
 from diffbot_lab.stability.tuned.table import CORE
 from diffbot_lab.stability.tuned.verify import verify
 
@@ -59,7 +59,7 @@ def test_adversaries_come_near_the_bounds_of_omega_l_but_not_beyond():
     """One drifts aside to where the robot no longer rests; the other lures it out in a V."""
     near = maker.near_bounds(tuned_loop(CONFIG, Plan()), CONFIG, CONTRACT.sigma_max)
     checked = checker.farthest_local(numbers_of(CONFIG, Plan()), CONFIG, CONTRACT.sigma_max)
-    loop = Loop(CONFIG, CONTRACT, 0.1)
+    loop = ContractLoop(CONFIG, CONTRACT, 0.1)
     aside = drift(loop, near.resting, Pose(0.0, near.resting, 0.0), 2000).farthest
     lured = lured_out(loop, near.resting, 0.9).farthest
     assert near.resting < aside < lured < checked <= near.holding < 2.0 * lured

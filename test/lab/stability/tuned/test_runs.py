@@ -9,9 +9,9 @@ from diffbot_control.law.finish import V_LEG, Finish
 from diffbot_control.law.regions import OMEGA_G, OMEGA_L, Switching
 from diffbot_core.geometry import Pose
 from diffbot_lab.stability.tuned.contract import Contract
-from diffbot_lab.stability.tuned.runs import Loop, memory_at, next_pose, sample
+from diffbot_lab.stability.tuned.runs import ContractLoop, memory_at, next_pose, sample
 
-LOOP = Loop(ControllerConfig(), Contract(), 0.1)
+LOOP = ContractLoop(ControllerConfig(), Contract(), 0.1)
 CERTIFIED = 0.57
 """[m] r* of the default law under the default contract"""
 
