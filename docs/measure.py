@@ -34,7 +34,7 @@ from diffbot_lab.paper.figures import figure_paths
 from diffbot_lab.paper.scan import run_scan
 from diffbot_lab.security import policy
 from diffbot_lab.stability.contract.command import RUNS, RUNS_OF_ROBOT, SEED, run_contract, runs_of_arena, runs_of_robot
-from diffbot_lab.stability.tuned.contract import Contract
+from diffbot_lab.stability.plan import Contract
 from diffbot_tools.robot.robot import read_robot
 
 DOCS = Path(__file__).parent

@@ -1,1 +1,1 @@
-"""Stability under bounded noise: a picture of V on a grid, and certificates by interval arithmetic."""
+"""Stability under bounded errors: certificates by interval arithmetic, for the default law."""

@@ -3,27 +3,17 @@
 from __future__ import annotations
 
 import argparse
-import importlib
 from pathlib import Path
 from typing import Any
 
-from diffbot_core.errors import DiffbotError, InvalidValueError
-from diffbot_lab.stability.result_file import read_result
+from diffbot_core.errors import InvalidValueError
 from diffbot_tools.arguments import MAX_SEED, number_between, once, setting, whole
 
-PAPER, TUNED = "17", "tuned"
-_OF_PAPER = ("width", "columns")
 _OF_CONTRACT = ("eps_position", "eps_theta", "sigma_max", "wheel_error", "eps_v", "eps_omega")
 _OF_PLAN = ("period", "margin", "fineness")
-_OF_ROBOT = ("robot", "since")
-"""Options of ``certify`` that one kind of law has."""
+"""Options of ``certify`` by what they belong to."""
 _FAR = 12.0
 """[m]"""
-VERIFIERS = {
-    "diffbot stability certificate 1": "diffbot_lab.stability.paper.command",
-    "diffbot stability tuned 3": "diffbot_lab.stability.tuned.command",
-}
-"""Modules with a function ``run_verify(path)``, by the format of the files that they check."""
 
 
 def add_stability(commands: Any) -> None:
@@ -34,34 +24,24 @@ def add_stability(commands: Any) -> None:
         add(verbs)
 
 
-def add_settings(parser: argparse.ArgumentParser) -> None:
-    """Add the option ``--set`` with gains, noise and the plant."""
-    parser.add_argument("--set", type=setting, nargs="+", default=[], metavar="NAME=VALUE", help="gains, noise ...")
-
-
 def _add_certify(verbs: Any) -> None:
-    certify = verbs.add_parser("certify", help="certify where the noisy loop ends, and after what time at most")
+    certify = verbs.add_parser("certify", help="certify where the loop ends within a contract, and after what time")
     certify.add_argument(
-        "--law", choices=("13", "17", TUNED), help="equation, or the default law (default: 17; with --robot tuned)"
+        "--robot", metavar="FILE", help="parameter file or preset; bounds that are not given are measured in simulation"
     )
-    add_settings(certify)
+    certify.add_argument("--since", type=number_between(0.0, 40.0), help="with --robot: measured from then on [s] (10)")
+    certify.add_argument(
+        "--set", type=setting, nargs="+", default=[], metavar="NAME=VALUE", help="parameters of the controller"
+    )
     certify.add_argument("--rho-max", type=number_between(0.1, 100.0), help="starts are within [m] (12)")
+    _add_bounds(certify)
+    certify.add_argument("--period", type=number_between(1e-3, 10.0), help="between two poses [s] (0.1)")
+    certify.add_argument("--margin", type=number_between(0.0, 10.0), help="by which the core is larger [m] (0.01)")
+    certify.add_argument("--fineness", type=number_between(0.1, 10.0), help="of the cells near the goal (1)")
+    certify.add_argument("--threads", type=whole(1, 1024), help="at a time (default: one per core)")
     certify.add_argument(
         "--out", type=Path, default=Path("out/stability/certificate.json"), help="file (default: %(default)s)"
     )
-    certify.add_argument("--threads", type=whole(1, 1024), help="at a time (default: one per core)")
-    paper = certify.add_argument_group("laws 13 and 17")
-    paper.add_argument("--width", type=number_between(1e-4, 1.0), help="of the cells near the goal [m] (0.0025)")
-    paper.add_argument("--columns", type=whole(16, 16_000), help="cells of alpha (1256)")
-    tuned = certify.add_argument_group("law tuned: robot, contract of estimate and base, and cells")
-    tuned.add_argument(
-        "--robot", metavar="FILE", help="parameter file or preset; bounds that are not given are measured in simulation"
-    )
-    tuned.add_argument("--since", type=number_between(0.0, 40.0), help="with --robot: measured from then on [s] (10)")
-    _add_bounds(tuned)
-    tuned.add_argument("--period", type=number_between(1e-3, 10.0), help="between two poses [s] (0.1)")
-    tuned.add_argument("--margin", type=number_between(0.0, 10.0), help="by which the core is larger [m] (0.01)")
-    tuned.add_argument("--fineness", type=number_between(0.1, 10.0), help="of the cells near the goal (1)")
     certify.set_defaults(call=_certify)
 
 
@@ -82,7 +62,7 @@ def _add_verify(verbs: Any) -> None:
 
 
 def _add_contract(verbs: Any) -> None:
-    contract = verbs.add_parser("contract", help="count how often estimate and base keep a contract of law tuned")
+    contract = verbs.add_parser("contract", help="count how often estimate and base keep the contract")
     contract.add_argument("--robot", metavar="FILE", help="parameter file or preset (default: four cases of the arena)")
     _add_bounds(contract)
     contract.add_argument("--runs", type=whole(2, 10**5), help="of each case (2040, 1000, 510, 510; of a robot 500)")
@@ -107,16 +87,8 @@ def _given(options: argparse.Namespace, names: tuple[str, ...]) -> dict[str, Any
 
 
 def _certify(options: argparse.Namespace) -> int:
-    options.law = options.law or (PAPER if options.robot is None else TUNED)
-    others = _OF_PAPER if options.law == TUNED else (*_OF_ROBOT, *_OF_CONTRACT, *_OF_PLAN)
-    for name, value in _given(options, others).items():
-        raise InvalidValueError(f"--{name.replace('_', '-')}", value, f"left out with --law {options.law}")
-    return (_certify_tuned if options.law == TUNED else _certify_paper)(options)
-
-
-def _certify_tuned(options: argparse.Namespace) -> int:
-    from diffbot_lab.stability.tuned import command  # noqa: PLC0415
-    from diffbot_lab.stability.tuned.contract import Contract, Plan  # noqa: PLC0415
+    from diffbot_lab.stability import certificates  # noqa: PLC0415
+    from diffbot_lab.stability.plan import Contract, Plan  # noqa: PLC0415
 
     bounds, cells = _given(options, _OF_CONTRACT), _given(options, _OF_PLAN)
     if options.robot is not None:
@@ -130,16 +102,7 @@ def _certify_tuned(options: argparse.Namespace) -> int:
     if options.since is not None:
         raise InvalidValueError("--since", options.since, "left out without --robot")
     plan = Plan(contract=Contract(**bounds), to=options.rho_max or _FAR, **cells)
-    return command.run_certify(once("--set", options.set), plan, options.out, options.threads)
-
-
-def _certify_paper(options: argparse.Namespace) -> int:
-    from diffbot_lab.stability.paper import command  # noqa: PLC0415
-    from diffbot_lab.stability.paper.certify import Resolution  # noqa: PLC0415
-
-    loop = command.loop_of(options.law, once("--set", options.set))
-    resolution = Resolution(**_given(options, ("width", "columns")))
-    return command.run_certify(loop, options.rho_max or _FAR, resolution, options.out, options.threads)
+    return certificates.run_certify(once("--set", options.set), plan, options.out, options.threads)
 
 
 def _adversary(options: argparse.Namespace) -> int:
@@ -150,7 +113,7 @@ def _adversary(options: argparse.Namespace) -> int:
 
 def _contract(options: argparse.Namespace) -> int:
     from diffbot_lab.stability.contract import command  # noqa: PLC0415
-    from diffbot_lab.stability.tuned.contract import Contract  # noqa: PLC0415
+    from diffbot_lab.stability.plan import Contract  # noqa: PLC0415
 
     bounds = _given(options, _OF_CONTRACT)
     if options.robot is not None:
@@ -167,7 +130,6 @@ def _contract(options: argparse.Namespace) -> int:
 
 
 def _verify(options: argparse.Namespace) -> int:
-    found = str(read_result(options.file).get("format"))
-    if found not in VERIFIERS:
-        raise DiffbotError(f"{options.file}: format = {found!r}: must be one of {', '.join(map(repr, VERIFIERS))}")
-    return int(importlib.import_module(VERIFIERS[found]).run_verify(options.file))
+    from diffbot_lab.stability import certificates  # noqa: PLC0415
+
+    return certificates.run_verify(options.file)

@@ -9,10 +9,10 @@ from typing import Any
 from tqdm import tqdm
 
 from diffbot_core.errors import DiffbotError
+from diffbot_lab.stability.certificates import certify_and_save
 from diffbot_lab.stability.contract.command import SEED, farthest_start, observe, runs_of_robot
 from diffbot_lab.stability.contract.kept import fitted, kept, share_of
-from diffbot_lab.stability.tuned.command import certify_and_save
-from diffbot_lab.stability.tuned.contract import Contract, Plan
+from diffbot_lab.stability.plan import Contract, Plan
 from diffbot_tools.robot.robot import read_robot
 
 _RUNS = 200

@@ -9,7 +9,7 @@ from diffbot_control.law.polar_coordinates import navigation_variables
 from diffbot_control.law.steering import FRONT, drive_and_hold, drive_and_steer, led_by
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import Twist
-from diffbot_lab.stability.tuned.contract import Contract, Plan
+from diffbot_lab.stability.plan import Contract, Plan
 from diffbot_sim.model.philox import Draw
 from diffbot_sim.model.plant import PlantConfig, new_plant, plant_step
 

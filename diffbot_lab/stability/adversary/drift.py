@@ -19,8 +19,8 @@ from diffbot_control.law.regions import OMEGA_G, OMEGA_L, Switching
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import Estimate, Uncertainty
-from diffbot_lab.stability.tuned.near import resting_radius
-from diffbot_lab.stability.tuned.runs import SIGMA_THETA, ContractLoop
+from diffbot_lab.stability.maker.near import resting_radius
+from diffbot_lab.stability.runs import SIGMA_THETA, ContractLoop
 from diffbot_sim.model.plant import integrate
 
 _GOAL = Pose(0.0, 0.0, 0.0)

@@ -9,9 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from diffbot_lab.stability.paper.file import Certificate
-from diffbot_lab.stability.tuned.file import Certificate as TunedCertificate
-from diffbot_lab.stability.tuned.file import first_cells
+from diffbot_lab.stability.file import Certificate, first_cells
 from diffbot_tools.plotting import BLUE, GREY, ORANGE, RED, new_figure, save
 
 Array = NDArray[np.float64]
@@ -40,19 +38,9 @@ class NearField(NamedTuple):
     """... and with the best one"""
 
 
-def field_of_paper(certificate: Certificate) -> NearField:
-    """Return what is drawn of a certificate of the paper's laws."""
-    rho, alpha, ranks, loop, claims = (*certificate[1:4], certificate.loop, certificate.claims)
-    middle = 0.5 * (rho[:-1] + rho[1:])
-    shown = middle <= claims.start
-    times = loop.t_s * ranks[shown]
-    outer = np.where(ranks == 0, rho[1:, None], rho[0]).max(axis=0)
-    return NearField(claims.radius, alpha, outer, middle[shown], times.max(axis=1), times.min(axis=1))
-
-
-def field_of_tuned(certificate: TunedCertificate, t_s: float) -> NearField:
-    """Return what is drawn of a certificate of the default law; its alpha is that of the end that leads."""
-    rho, claims = certificate.rho, certificate.claims
+def field_of(certificate: Certificate) -> NearField:
+    """Return what is drawn of a certificate; its alpha is that of the end that leads."""
+    rho, claims, t_s = certificate.rho, certificate.claims, certificate.plan.period
     first = first_cells(certificate.alphas, certificate.betas)
     columns = int(certificate.alphas[0])
     half = np.full(columns // 2, rho[0])

@@ -3,8 +3,7 @@
 The adversary knows the true state. In each step it tries corners, middles of sides and the middle of the noise box, and
 takes the noise whose next state has the highest score: the distance plus a weighted sum of even functions of alpha and
 beta. The weights are searched by the cross-entropy method. Every trajectory is one of the project's own law and plant
-(paper_play.py, tuned_play.py), so the distance that it comes back to again and again is reached indeed; another
-adversary may do better.
+(play.py), so the distance that it comes back to again and again is reached indeed; another adversary may do better.
 """
 
 from __future__ import annotations

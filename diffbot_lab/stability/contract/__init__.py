@@ -1,1 +1,1 @@
-"""How often the filter keeps the contract that the certificate of the tuned law assumes."""
+"""How often the filter keeps the contract that a certificate assumes."""

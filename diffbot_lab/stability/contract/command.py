@@ -22,8 +22,8 @@ from diffbot_lab.cases import Configuration, make_case
 from diffbot_lab.stability.contract.deviations import deviations_of
 from diffbot_lab.stability.contract.kept import fitted, holds_from, kept, share_of
 from diffbot_lab.stability.contract.report import table
-from diffbot_lab.stability.tuned.contract import Contract, Plan, requesting
-from diffbot_lab.stability.tuned.runs import uniform_starts
+from diffbot_lab.stability.plan import Contract, Plan, requesting
+from diffbot_lab.stability.runs import uniform_starts
 from diffbot_sim.compiled.batch import Starts, run_histories
 from diffbot_sim.compiled.closed_loop import Case
 from diffbot_tools.robot.robot import Robot

@@ -18,7 +18,7 @@ from diffbot_core.errors import DiffbotError
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import Estimate, Uncertainty
-from diffbot_lab.stability.interval.compiled import compile_bounds
+from diffbot_lab.stability.compiled import compile_bounds
 from diffbot_sim.model.plant import integrate
 
 Array = NDArray[np.float64]

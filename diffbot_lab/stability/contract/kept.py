@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from diffbot_core.errors import InvalidValueError
 from diffbot_lab.campaign.statistics import wilson
 from diffbot_lab.stability.contract.deviations import BOUNDED
-from diffbot_lab.stability.tuned.contract import Contract
+from diffbot_lab.stability.plan import Contract
 
 Mask = NDArray[np.bool_]
 Array = NDArray[np.float64]

@@ -1,13 +1,13 @@
-"""One small certificate of the tuned law for all tests: far from the goal, where large cells suffice."""
+"""One small certificate for all tests: far from the goal, where large cells suffice."""
 
 import functools
 
 import pytest
 
 from diffbot_control.law.configuration import ControllerConfig
-from diffbot_lab.stability.tuned import certify as maker
-from diffbot_lab.stability.tuned import verify as checker
-from diffbot_lab.stability.tuned.contract import Plan, requesting
+from diffbot_lab.stability.check import verify as checker
+from diffbot_lab.stability.maker import certify as maker
+from diffbot_lab.stability.plan import Plan, requesting
 
 NEAR_ONCE, CHECKED_ONCE = functools.cache(maker.near_bounds), functools.cache(checker.farthest_local)
 """The bounds of Omega_L take most of the time, and are the same for all small certificates of one law."""

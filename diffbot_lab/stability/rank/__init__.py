@@ -1,1 +1,0 @@
-"""Cells around the goal, the ranks of cells, and the geometry of one step."""

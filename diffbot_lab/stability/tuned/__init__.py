@@ -1,1 +1,0 @@
-"""Certificate of the law with braking profiles under a contract of the estimate."""

@@ -1,0 +1,109 @@
+"""What runs deviate from a contract by, how often they keep it, and ``diffbot stability contract``."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from diffbot_core.errors import DiffbotError
+from diffbot_lab.stability.contract import command
+from diffbot_lab.stability.contract.deviations import deviations_of
+from diffbot_lab.stability.contract.kept import fitted, holds_from, kept, share_of
+from diffbot_lab.stability.plan import Contract, Plan, requesting
+from diffbot_sim.compiled.batch import Starts, run_histories
+from diffbot_tools import cli
+from diffbot_tools.robot.robot import read_robot
+
+SEED = 9017
+BOUNDS = Contract(eps_v=0.01, eps_omega=0.02)
+
+
+def test_a_contract_is_kept_where_all_is_within_its_bounds():
+    deviations = np.zeros((1, 7, 6))
+    deviations[0, 1:, :5] = np.diag([0.061, 0.031, 0.027, 0.011, 0.021, 0.0])[:, :5]
+    deviations[0, 6, :5] = 0.06, 0.03, 0.026, 0.01, 0.02
+    deviations[..., 5] = 1.0
+    assert kept(deviations, BOUNDS).tolist() == [[True, False, False, False, False, False, True]]
+
+
+def test_the_share_of_the_runs_has_wilsons_interval():
+    within = np.ones((4, 10), np.bool_)
+    within[0, 3], within[1, :5] = False, False
+    # 2 of 4, from the published formula: 0.5 -+ z sqrt(1/16 + z^2/64) / (1 + z^2/4) at z = 1.96.
+    half = 1.96 * math.sqrt(0.25 / 4 + 1.96**2 / 64) / (1 + 1.96**2 / 4)
+    assert share_of(within) == pytest.approx((0.5, 0.5 - half, 0.5 + half), abs=1e-4)
+
+
+def test_the_contract_holds_from_the_step_after_the_last_break_without_a_leg():
+    within, on_leg = np.ones((5, 11), np.bool_), np.zeros((5, 11), np.bool_)
+    within[1, [0, 3]], within[2, 0], within[3, 10] = False, False, False
+    on_leg[2, :4], on_leg[4, :] = True, True
+    assert holds_from(within, on_leg, 0.5).tolist() == [0.0, 2.0, 2.0, math.inf, math.inf]
+
+
+def test_fitted_bounds_are_kept_by_their_share_of_the_runs():
+    deviations = np.zeros((10, 3, 6))
+    deviations[:, 1, 0] = 0.01 * np.arange(1.0, 11.0)
+    deviations[:, 2, 2] = math.inf
+    assert fitted(deviations, 0.5) == pytest.approx(
+        {"eps_position": 0.05, "eps_theta": 0.001, "sigma_max": math.inf, "eps_v": 0.001, "eps_omega": 0.001}
+    )
+    assert fitted(deviations, 1.0)["eps_position"] == pytest.approx(0.1)
+
+
+@pytest.fixture(scope="module")
+def nominal():
+    return command.runs_of_arena({"nominal": 4}, SEED)[0]
+
+
+def test_deviations_of_a_base_that_obeys_are_the_errors_of_the_estimate_alone(nominal):
+    case = nominal.case
+    histories = run_histories(case, Starts(nominal.starts), SEED, 0, 4)
+    found = command.observe(nominal, Contract(), SEED)
+    # As of the first measured pose, and as long as the heading is known.
+    known = np.isfinite(found[..., :3]).all(axis=-1)
+    assert known[:, 50:].all()
+    errors = histories[:, :-1, 3:6] - histories[:, :-1, :3]
+    np.testing.assert_allclose(found[known, 0], np.hypot(errors[known, 0], errors[known, 1]), rtol=1e-12)
+    wrapped = np.abs(np.remainder(errors[known, 2] + math.pi, 2.0 * math.pi) - math.pi)
+    np.testing.assert_allclose(found[known, 1], wrapped, atol=1e-12)
+    np.testing.assert_array_equal(found[known, 2], histories[:, :-1, 8][known])
+    assert found[known][:, 3:5].max() < 1e-9
+    # Wheels that are off by less than the plant's are not enough.
+    assert command.observe(nominal, Contract(wheel_error=0.04), SEED)[known][:, 3].max() > 1e-3
+
+
+def test_a_robot_with_limits_dead_time_and_lag_is_near_what_its_law_requests_for_the_coasted_pose():
+    robot = read_robot("turtlebot4")
+    runs = command.runs_of_robot(robot, 20, SEED)
+    assert np.hypot(*runs.starts[:, :2].T).max() < command.farthest_start(robot) == pytest.approx(12.0 * 0.31)
+    found = command.observe(runs, Contract(), SEED)[:, 200:]
+    assert 1e-4 < found[..., 3].max() < 0.01
+    assert 1e-3 < found[..., 4].max() < 0.1
+    # The pose itself, without the prediction, is as far off as the robot drives in the dead time.
+    sheet = runs.case.controller.data_sheet
+    blind = runs.case.controller._replace(data_sheet=sheet._replace(command_latency=0.0, drive_time_constant=0.0))
+    histories = run_histories(runs.case._replace(controller=blind), Starts(runs.starts), SEED, 0, 20)
+    law = requesting(blind, Plan(BOUNDS, 0.05))
+    assert deviations_of(blind, law, 0.05, 0.05, histories)[:, 200:, 3].max() > 0.05
+
+
+def test_histories_of_another_law_are_refused(nominal):
+    histories = run_histories(nominal.case, Starts(nominal.starts), SEED, 0, 4)
+    config = nominal.case.controller
+    other = config._replace(profile_gains=config.profile_gains._replace(react=0.6))
+    with pytest.raises(DiffbotError, match="not those of this law"):
+        deviations_of(other, requesting(other, Plan()), 0.05, 0.1, histories)
+
+
+def test_a_few_runs_make_results_and_tables(tmp_path, capsys):
+    out = tmp_path / "new"
+    assert cli.main(["stability", "contract", "--runs", "3", "--eps-position", "0.9", "--out", str(out)]) == 0
+    shown = capsys.readouterr().out
+    results = json.loads((out / "results.json").read_text())
+    assert [path.name for path in out.iterdir()] == ["results.json"]
+    assert results["contract"] == Contract(eps_position=0.9)._asdict()
+    assert results["seed"] == SEED
+    assert [(case["name"], case["runs"]) for case in results["cases"]] == [(name, 3) for name in command.RUNS]
+    assert all(f"| `{name}`" in shown for name in command.RUNS)

@@ -1,0 +1,69 @@
+"""The default law's adversary plays by the rules of the loop; random runs keep to the ranks, and find wrong ones."""
+
+import math
+
+import numpy as np
+import pytest
+
+from diffbot_control.law.configuration import ControllerConfig, new_memory
+from diffbot_control.law.controller import step
+from diffbot_core.geometry import Pose
+from diffbot_core.uncertainty import Estimate, Uncertainty
+from diffbot_lab.stability.adversary.figure import field_of
+from diffbot_lab.stability.adversary.play import observe
+from diffbot_lab.stability.plan import Contract
+from diffbot_lab.stability.runs import ContractLoop, next_pose
+from diffbot_sim.model.philox import Draw
+from diffbot_sim.model.plant import PlantConfig, new_plant, plant_step
+
+LOOP = ContractLoop(ControllerConfig(), Contract(), 0.1)
+PLANT = PlantConfig()
+
+
+def test_a_step_is_that_of_the_controller_and_the_plant():
+    rng = np.random.default_rng(1)
+    pose, memory, expected_memory, regions = Pose(-0.7, 0.3, 0.4), new_memory(), new_memory(), set()
+    state = new_plant(pose)
+    for _ in range(120):
+        x, y = 0.7 * rng.uniform(-1.0, 1.0, 2)
+        theta, left, right = rng.uniform(-1.0, 1.0, 3)
+        seen = Pose(pose.x + 0.06 * x, pose.y + 0.06 * y, pose.theta + 0.03 * theta)
+        expected_memory, command, _ = step(
+            expected_memory, Estimate(seen, Uncertainty(0.02, 0.01)), Pose(0.0, 0.0, 0.0), 0.1, LOOP.law
+        )
+        state = plant_step(state, command, Draw(left, right, 0.0, 0.0), PLANT)
+        pose, memory = next_pose(LOOP, pose, memory, 0.02, (x, y, theta, left, right, 0.0, 0.0, 0.0))
+        assert pose == pytest.approx(state.pose, abs=1e-12)
+        assert memory == expected_memory
+        regions.add(memory.switching.region)
+    assert regions == {0, 1}
+
+
+def test_the_position_error_never_exceeds_the_contract():
+    """The law goes where it sees the goal: an error of three bounds moves the robot as one of one bound does."""
+    one, half, three = (
+        next_pose(LOOP, Pose(-0.5, 0.0, 0.0), new_memory(), 0.02, (x, *[0.0] * 7))[0] for x in (1.0, 0.5, 3.0)
+    )
+    assert three == pytest.approx(one, abs=1e-12)
+    assert one.x < half.x
+
+
+def test_random_runs_keep_to_the_ranks_and_find_wrong_ones(certificate):
+    found = observe(certificate, 20_000, 300, 3)
+    assert found.steps_from_core >= 20_000
+    assert (found.left_core, found.late, found.trajectories) == (0, 0, 300)
+    assert 0 < found.longest <= certificate.claims.steps
+    assert found.cloud.shape == (300, 3)
+    assert 0.0 < found.farthest < 0.2
+    short = np.where(certificate.ranks > 3, 3, certificate.ranks).astype(np.int16)
+    assert observe(certificate._replace(ranks=short), 1, 300, 3).late > 0
+
+
+def test_the_figure_shows_the_core_and_the_times_of_the_default_law(certificate):
+    field = field_of(certificate)
+    assert field.outer.max() == field.radius == certificate.claims.radius
+    assert field.alpha[[0, -1]] == pytest.approx([-math.pi, math.pi])
+    np.testing.assert_array_equal(field.outer, field.outer[::-1])
+    assert field.slowest.max() == pytest.approx(0.1 * certificate.claims.steps)
+    assert (field.slowest >= field.fastest).all()
+    assert field.rho.max() <= 1.9

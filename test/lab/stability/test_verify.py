@@ -1,0 +1,144 @@
+"""The checker passes what is proved and finds mistakes planted in a certificate, in its maker, and in itself."""
+
+import numpy as np
+import pytest
+
+from diffbot_control.law.configuration import ControllerConfig
+from diffbot_core.errors import DiffbotError
+from diffbot_lab.stability.check import verify as checker
+from diffbot_lab.stability.check.cells import cells_of, failing_kernel
+from diffbot_lab.stability.check.commands import numbers_of
+from diffbot_lab.stability.check.verify import verify
+from diffbot_lab.stability.file import first_cells
+from diffbot_lab.stability.maker import certify as maker
+from diffbot_lab.stability.maker.certify import tuned_loop
+from diffbot_lab.stability.plan import Contract, Plan
+
+CONFIG = ControllerConfig()
+CELL = "not verified: the cell rho"
+
+
+def test_a_certificate_is_verified(certificate):
+    verify(certificate)
+
+
+def remade(monkeypatch, certificate, name, change):
+    """Make the certificate with a maker one function of which is changed."""
+    usual, near = getattr(maker, name), maker.near_bounds(tuned_loop(CONFIG, Plan()), CONFIG, Contract().sigma_max)
+    monkeypatch.setattr(maker, "near_bounds", lambda *_: near)
+    monkeypatch.setattr(maker, name, lambda *arguments: change(usual(*arguments)))
+    return maker.certify(CONFIG, certificate.plan)
+
+
+@pytest.mark.parametrize("change", [{"bearing_weight": -0.8}, {"wheel_error": 0.045}])
+def test_a_wrong_sign_and_forgotten_noise_in_the_makers_law_are_found(monkeypatch, certificate, change):
+    wrong = remade(monkeypatch, certificate, "tuned_loop", lambda loop: loop._replace(**change))
+    with pytest.raises(DiffbotError, match=CELL):
+        verify(wrong, threads=1)
+
+
+def test_a_maker_that_rounds_inward_is_found(monkeypatch, certificate):
+    """The padding of the images is 2e-5: 1e-4 m and rad more than that are the least that matters with these cells."""
+    hair = 1e-4
+
+    def shrunk(images):
+        boxes = images.boxes.copy()
+        boxes[:, ::2] += hair
+        boxes[:, 1::2] -= hair
+        return images._replace(boxes=boxes)
+
+    wrong = remade(monkeypatch, certificate, "boxes_of_row", shrunk)
+    with pytest.raises(DiffbotError, match=CELL):
+        verify(wrong, threads=1)
+
+
+def changed(certificate, at, rank):
+    ranks = certificate.ranks.copy()
+    ranks[at] = rank
+    return certificate._replace(ranks=ranks)
+
+
+def claiming(certificate, **changes):
+    return certificate._replace(claims=certificate.claims._replace(**changes))
+
+
+def test_ranks_that_are_one_too_small_are_found(certificate):
+    """Nearly all: a few are larger than they have to be, as the maker's images are wider here and there."""
+    loop, first = numbers_of(CONFIG, certificate.plan), first_cells(certificate.alphas, certificate.betas)
+    found = 0
+    for at in np.random.default_rng(1).choice(np.flatnonzero(certificate.ranks > 1), 40, replace=False):
+        row = int(np.searchsorted(first, at, side="right")) - 1
+        cells = cells_of(changed(certificate, at, certificate.ranks[at] - 1))
+        failing = failing_kernel(loop, cells, row)
+        assert failing in (-1, at - first[row])
+        found += failing >= 0
+        if failing >= 0:
+            lowered = at
+    assert found >= 30
+    with pytest.raises(DiffbotError, match=f"{CELL}.* may lead to a rank that is not smaller"):
+        verify(changed(certificate, lowered, certificate.ranks[lowered] - 1))
+
+
+@pytest.mark.parametrize("rank", [0, 12])
+def test_a_cell_that_is_left_out_is_found(certificate, rank):
+    """Within the start at once, and otherwise at the cells that lead to it."""
+    at = int(np.flatnonzero(certificate.ranks == rank)[-1 if rank == 0 else 0])
+    missing = changed(certificate, at, -1)
+    with pytest.raises(DiffbotError, match=r"claims\.start"):
+        verify(missing)
+    with pytest.raises(DiffbotError, match=CELL):
+        verify(claiming(missing, start=certificate.claims.seed))
+
+
+@pytest.mark.parametrize("claim", ["radius", "start", "steps", "seed"])
+def test_claims_that_are_too_good_are_found(certificate, claim):
+    claims = certificate.claims
+    better = {"radius": claims.radius - 1e-6, "start": certificate.rho[-1], "steps": claims.steps - 1, "seed": 0.2}
+    with pytest.raises(DiffbotError, match=rf"claims\.{claim} = "):
+        verify(claiming(certificate, **{claim: better[claim]}))
+
+
+def test_a_seed_that_is_not_all_in_the_core_is_found(certificate):
+    with pytest.raises(DiffbotError, match="not all within it is in the core"):
+        verify(changed(certificate, 0, 1))
+    with pytest.raises(DiffbotError, match="not all within it is in the core"):
+        verify(claiming(certificate, seed=certificate.rho[-1] + 1.0))
+
+
+def test_edges_that_begin_too_near_or_too_far_are_found(certificate):
+    near = np.concatenate(([0.05], certificate.rho[1:]))
+    with pytest.raises(DiffbotError, match=r"rho begins at 0.05 m, must be above 0.0606"):
+        verify(certificate._replace(rho=near))
+    first = first_cells(certificate.alphas, certificate.betas)
+    row = int(np.searchsorted(certificate.rho, certificate.claims.seed)) - 1
+    far = certificate._replace(
+        rho=certificate.rho[row:],
+        alphas=certificate.alphas[row:],
+        betas=certificate.betas[row:],
+        ranks=certificate.ranks[first[row] :],
+    )
+    with pytest.raises(DiffbotError, match="beyond the seed"):
+        verify(far)
+
+
+def test_a_certificate_of_another_law_or_contract_is_found(certificate):
+    weaker = CONFIG._replace(profile_gains=CONFIG.profile_gains._replace(turn_react=0.5))
+    with pytest.raises(DiffbotError, match=CELL):
+        verify(certificate._replace(config=weaker))
+    contract = certificate.plan.contract._replace(eps_position=0.062)
+    with pytest.raises(DiffbotError, match="not verified"):
+        verify(certificate._replace(plan=certificate.plan._replace(contract=contract)))
+
+
+@pytest.mark.parametrize("change", [{"weight": -0.8}, {"noise": 0.06}])
+def test_a_checker_with_a_mistake_refuses_a_valid_certificate(monkeypatch, certificate, change):
+    usual = checker.numbers_of
+    monkeypatch.setattr(checker, "numbers_of", lambda *arguments: usual(*arguments)._replace(**change))
+    with pytest.raises(DiffbotError, match="not verified"):
+        verify(certificate, threads=1)
+
+
+def test_a_leg_of_the_finish_that_is_faster_is_found(certificate):
+    faster = CONFIG._replace(finish=CONFIG.finish._replace(finish_speed=2.0))
+    with pytest.raises(DiffbotError, match=r"claims\.seed = 1\.3 m, Omega_L may lead to"):
+        verify(certificate._replace(config=faster))
