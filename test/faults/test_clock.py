@@ -2,7 +2,7 @@
 
 import threading
 import time
-from contextlib import contextmanager
+from contextlib import closing
 
 import graph
 import pytest
@@ -51,25 +51,15 @@ class ClockSource:
                 self.changed = time.monotonic()
                 self.publisher.publish(message)
 
-    def end(self):
+    def close(self):
         """End the thread."""
         self._ended.set()
         self._thread.join()
 
 
-@contextmanager
-def clock(offset=0):
-    with graph.peer("clock_source") as peer:
-        source = ClockSource(peer, offset)
-        try:
-            yield source
-        finally:
-            source.end()
-
-
 @pytest.fixture(scope="module")
 def timed(observed):
-    with clock() as source:
+    with graph.peer("clock_source") as peer, closing(ClockSource(peer)) as source:
         source.start()
         plant = {**NEAR, "clock": "wall", "cmd_vel_timeout": NEVER}
         with observed(plant, SIMULATED, SIMULATED, only=("robot", "plant"), joined=True) as witness:
@@ -121,15 +111,11 @@ def first_command(witness, since, is_expected):
 def test_second_publisher_of_clock_stops_the_robot_and_is_named(timed, trials, seeded):
     with trials("clock two") as running:
         for _ in timed.moments(running, seeded):
-            with graph.peer("second_clock") as peer:
-                second = ClockSource(peer, -JUMP)
+            with graph.peer("second_clock") as peer, closing(ClockSource(peer, -JUMP)) as second:
                 peer.wait_for_subscribers(second.publisher, count=2)
                 timed.mark()
                 since = second.start()
-                try:
-                    first = first_command(timed, since, is_zero)
-                    delay = timed.delay()
-                    timed.report_with("controller", "/clock", "second_clock", level=DiagnosticStatus.ERROR)
-                finally:
-                    second.end()
-                running.measure(first - since, delay=delay)
+                first = first_command(timed, since, is_zero)
+                delay = timed.delay()
+                timed.report_with("controller", "/clock", "second_clock", level=DiagnosticStatus.ERROR)
+            running.measure(first - since, delay=delay)

@@ -108,13 +108,10 @@ class Base:
 
     def diagnosed(self, text):
         """Wait until /diagnostics names the cause at ERROR."""
-        self.running.diagnostics.clear()
+        found = self.running.diagnostics
+        found.clear()
         self.until(
-            lambda: any(
-                status.level == b"\x02" and text in status.message
-                for array in self.running.diagnostics
-                for status in array.status
-            ),
+            lambda: [one for array in found for one in array.status if one.level == b"\x02" and text in one.message],
             text,
         )
 

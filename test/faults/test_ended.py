@@ -3,17 +3,13 @@
 import contextlib
 import resource
 import signal
-import struct
 import sys
 import time
 from functools import partial
 
 import graph
 import pytest
-from bag_makers import read
-from mcap.exceptions import EndOfFile
-from mcap.records import Message
-from mcap.stream_reader import StreamReader
+from bag_makers import read, unfinished
 from witness import NEAR
 
 RECORDER = "diffbot_bag.recorder_node"
@@ -127,7 +123,7 @@ def test_signals_close_the_bag(apart, trials, seeded, tmp_path):
             folder = tmp_path / str(number)
             with graph.node(RECORDER, {"uri": folder, "flush_period": 0.1}) as recorder:
                 recorder.wait_for_output("ready")
-                graph.wait_for(lambda folder=folder: whole_messages(folder / f"{folder.name}_0.mcap"), what="messages")
+                graph.wait_for(lambda folder=folder: unfinished(folder / f"{folder.name}_0.mcap"), what="messages")
                 apart.wait(seeded)
                 since = time.monotonic()
                 recorder.send(SIGNALS[number % 2])
@@ -160,15 +156,6 @@ def test_signals_at_the_start_end_a_node_well(trials, seeded, tmp_path):
                 running.measure(seconds, good)
 
 
-def whole_messages(path):
-    """Return the number of messages in a file that has no end yet, or is not there."""
-    count = 0
-    with contextlib.suppress(EndOfFile, struct.error, FileNotFoundError), path.open("rb") as stream:
-        for record in StreamReader(stream).records:
-            count += isinstance(record, Message)
-    return count
-
-
 def limited():
     resource.setrlimit(resource.RLIMIT_FSIZE, (FILE_LIMIT, FILE_LIMIT))
 
@@ -189,7 +176,7 @@ def test_full_disk_ends_the_recording_with_one_error_and_the_robot_drives_on(apa
                 errors = [line for line in recorder.output.splitlines() if "ERROR" in line]
                 good = recorder.popen.poll() == 1 and len(errors) == 1 and "Traceback" not in recorder.output
             if full:
-                good = good and whole_messages(folder / f"{number}_0.mcap") > 5
+                good = good and len(unfinished(folder / f"{number}_0.mcap")) > 5
             apart.until_moving()
             running.add(kept=good)
 

@@ -9,7 +9,6 @@ from concurrent.futures import ThreadPoolExecutor
 
 import graph
 import pytest
-from foreign_files import FOREIGN_FILES
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 
@@ -53,6 +52,25 @@ BAD_FILES = {
     "a folder": (lambda path: path.mkdir(), "not a regular file"),
 }
 """How each is made, and a part of the one line that it is refused with."""
+
+
+def open_to(mode):
+    def make(path):
+        path.write_text("{}")
+        path.chmod(mode)
+
+    return make
+
+
+FOREIGN_FILES = {
+    "a link": (lambda path: path.symlink_to("/etc/passwd"), "it is a link"),
+    "a pipe": (os.mkfifo, "it is no regular file"),
+    "a folder": (lambda path: path.mkdir(), "it is no regular file"),
+    "writable by the group": (open_to(0o664), "mode 0664 lets others write"),
+    "writable by all": (open_to(0o646), "mode 0646 lets others write"),
+    "too long": (written("{}" + " " * 10**6), "bytes: must be <= "),
+}
+"""How each is made, and a part of the reason for which it is not used."""
 
 
 def value(kind, **fields):
@@ -171,7 +189,7 @@ def test_what_others_could_have_written_is_not_believed(tmp_path, trials):
             make, reason = list(FOREIGN_FILES.values())[number // 2 % len(FOREIGN_FILES)]
             folder = tmp_path / str(number)
             folder.mkdir()
-            make(folder / "own.json", "{}")
+            make(folder / "own.json")
             try:
                 load(folder / "own.json")
             except DiffbotError as error:

@@ -2,7 +2,6 @@
 
 import itertools
 
-import graph
 import pytest
 from filter_input import START, fix, heading, odometry, timed
 from geometry_msgs.msg import Twist
@@ -93,20 +92,10 @@ class Target:
 
     def handled(self):
         """Messages that the nodes report as received or dropped."""
-        reports = self.witness.robot.diagnostics
-        self.peer.drain()
-        begin = len(reports)
-
-        def newest():
-            news = [one for array in reports[begin:] for one in array.status]
-            # The first report of a node may have been under way already.
-            found = [[one for one in news if one.name == f"/{name}"][1:2] for name in NODES]
-            return all(found) and [graph.values(one) for (one,) in found]
-
         return sum(
             int(value)
-            for report in self.peer.spin_until(newest, what="reports of all nodes")
-            for key, value in report.items()
+            for name in NODES
+            for key, value in self.witness.robot.diagnosis(name).items()
             if " dropped: " in key or key.endswith(" received")
         )
 

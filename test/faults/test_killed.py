@@ -3,15 +3,12 @@
 import contextlib
 import re
 import signal
-import struct
 import time
 
 import graph
 import pytest
+from bag_makers import unfinished
 from diagnostic_msgs.msg import DiagnosticStatus
-from mcap.exceptions import EndOfFile
-from mcap.records import Channel, Message
-from mcap.stream_reader import StreamReader
 from nav_msgs.msg import Odometry
 from promises import COMMAND_TIMEOUT, FLUSH_PERIOD, NEVER, PERIOD, POSE_TIMEOUT
 from rclpy.serialization import deserialize_message
@@ -85,17 +82,8 @@ def recordings(driving, running, folder):
 
 def true_poses(folder):
     """Return the true poses in a bag that may be unfinished, with their times of receipt [ns]."""
-    found = []
-    with (folder / f"{folder.name}_0.mcap").open("rb") as file:
-        try:
-            for one in StreamReader(file).records:
-                assert not isinstance(one, Channel) or one.topic == "/ground_truth"
-                if isinstance(one, Message):
-                    found.append((one.log_time, deserialize_message(one.data, Odometry)))
-        # The library raises either one, by where the end of what is written comes: within a number, or before it.
-        except (EndOfFile, struct.error):
-            pass
-    return found
+    messages = unfinished(folder / f"{folder.name}_0.mcap")
+    return [(one.log_time, deserialize_message(one.data, Odometry)) for one in messages]
 
 
 def test_killed_recorder_leaves_the_robot_driving_and_a_readable_bag(driving, trials, seeded, tmp_path):

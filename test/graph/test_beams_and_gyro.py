@@ -54,23 +54,22 @@ def imu(time, rate):
     return message
 
 
-def test_a_silent_gyro_and_one_that_contradicts_the_wheels_are_reported():
-    with one_process.nodes() as nodes:
-        fed = one_process.Fed(nodes, EkfNode, {"use_gyro": True, "sensor_timeout": 600.0, "reliable_inputs": True})
+def test_a_silent_gyro_and_one_that_contradicts_the_wheels_are_reported(nodes):
+    fed = one_process.Fed(nodes, EkfNode, {"use_gyro": True, "sensor_timeout": 600.0, "reliable_inputs": True})
 
-        def drive(first, last, rate=None):
-            for step in range(first, last):
-                if rate is not None:
-                    fed.send("imu", imu(START + 0.1 * step, rate))
-                fed.send("odom", odometry(START + 0.1 * step, omega=0.1))
-            return fed.node.health_level()
+    def drive(first, last, rate=None):
+        for step in range(first, last):
+            if rate is not None:
+                fed.send("imu", imu(START + 0.1 * step, rate))
+            fed.send("odom", odometry(START + 0.1 * step, omega=0.1))
+        return fed.node.health_level()
 
-        fed.send("global_pose", fix())
-        level, text = drive(1, 4)
-        assert level == 1
-        assert "no turn rate on imu" in text
-        assert drive(4, 30, 0.1)[0] == 0
-        level, text = drive(30, 70, 2.0)
-        assert level == 1
-        assert "wheels and gyro contradict each other" in text
-        assert drive(70, 75, 0.1)[0] == 0
+    fed.send("global_pose", fix())
+    level, text = drive(1, 4)
+    assert level == 1
+    assert "no turn rate on imu" in text
+    assert drive(4, 30, 0.1)[0] == 0
+    level, text = drive(30, 70, 2.0)
+    assert level == 1
+    assert "wheels and gyro contradict each other" in text
+    assert drive(70, 75, 0.1)[0] == 0

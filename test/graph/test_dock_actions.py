@@ -1,16 +1,16 @@
 """Nav2's actions of docking, with the real interface and rclpy's ActionClient: ends, retries, refusals, cancelling."""
 
 import os
+from contextlib import ExitStack
 
 import docks
 import pytest
 import rclpy
 from action_msgs.msg import GoalStatus
-from geometry_msgs.msg import PoseStamped
-from graph import Peer, private_domain
+from graph import peer, private_domain
+from robot import pose_stamped
 from std_msgs.msg import Bool
 
-from diffbot_control.ros.messages.fields import fill_pose
 from diffbot_core.geometry import Pose, out_of_frame
 
 pytestmark = pytest.mark.graph
@@ -21,25 +21,19 @@ SEEN = {"use_dock_id": False, "navigate_to_staging_pose": False}
 @pytest.fixture(scope="module")
 def scene(nav2_folder):
     """The nodes, which find nav2_msgs; the robot stands before its dock."""
-    with private_domain(), pytest.MonkeyPatch.context() as patch:
+    with private_domain(), pytest.MonkeyPatch.context() as patch, ExitStack() as stack:
         patch.setenv("PYTHONPATH", os.pathsep.join(filter(None, (str(nav2_folder), os.environ.get("PYTHONPATH")))))
         rclpy.init()
-        try:
-            with docks.Scene(seed=5, contact_topic="contact_of_plant") as running:
-                running.peer = Peer()
-                yield running
-                running.peer.close()
-        finally:
-            rclpy.try_shutdown()
+        stack.callback(rclpy.try_shutdown)
+        running = stack.enter_context(docks.Scene(seed=5, contact_topic="contact_of_plant"))
+        running.peer = stack.enter_context(peer())
+        yield running
 
 
 @pytest.fixture
 def staged(scene):
     """The scene, with the robot at its staging pose."""
-    goal = PoseStamped()
-    goal.header.frame_id = "map"
-    fill_pose(goal.pose, out_of_frame(Pose(-1.0, 0.05, 0.1), docks.DOCK))
-    assert scene.navigator.goToPose(goal)
+    assert scene.navigator.goToPose(pose_stamped(*out_of_frame(Pose(-1.0, 0.05, 0.1), docks.DOCK)))
     assert scene.wait() == "reached"
     return scene
 

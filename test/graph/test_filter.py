@@ -44,20 +44,19 @@ class Filter(one_process.Fed):
 
 
 @pytest.fixture
-def start():
+def start(nodes):
     """Return a function that starts an ekf; the one before it ends as by a signal."""
-    with one_process.nodes() as nodes:
-        running = []
+    running = []
 
-        def begin(parameters=None):
-            while running:
-                node = running.pop().node
-                node.before_shutdown()
-                nodes.remove(node)
-            running.append(Filter(nodes, parameters))
-            return running[-1]
+    def begin(parameters=None):
+        while running:
+            node = running.pop().node
+            node.before_shutdown()
+            nodes.remove(node)
+        running.append(Filter(nodes, parameters))
+        return running[-1]
 
-        yield begin
+    return begin
 
 
 def test_odometry_alone_starts_nothing_and_initialpose_does(start):

@@ -3,7 +3,6 @@
 import os
 import time
 
-import one_process
 import pytest
 from builtin_interfaces.msg import Time
 from rosgraph_msgs.msg import Clock
@@ -18,12 +17,6 @@ PATH = SavedGoal(ID, "path", "map", [Pose(1.0, 2.0, 0.5), Pose(3.0, 2.0, 0.0)], 
 RESTARTED = "the controller was restarted"
 
 
-@pytest.fixture(scope="module")
-def nodes():
-    with one_process.nodes() as running:
-        yield running
-
-
 @pytest.fixture
 def start(nodes, tmp_path):
     """Return a function that starts a controller with the file; the one before it is destroyed."""
@@ -35,9 +28,7 @@ def start(nodes, tmp_path):
         running.append(nodes.add(ControllerNode, {"goal_file": str(tmp_path / "goal"), **parameters}))
         return running[-1]
 
-    yield start
-    for node in running:
-        nodes.remove(node)
+    return start
 
 
 def ends(node):

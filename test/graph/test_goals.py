@@ -47,10 +47,6 @@ def navigator():
     one.close()
 
 
-def goal_process(*arguments):
-    return graph.diffbot("goal", *map(str, arguments))
-
-
 def goal_of(driven):
     return graph.values(driven.controller_states[-1]).get("goal", "") if driven.controller_states else ""
 
@@ -69,7 +65,7 @@ def cancel_goal(driven, goal_id="0" * 32, sec=0):
 
 
 def test_a_command_that_is_interrupted_cancels_its_goal(driven):
-    with goal_process(*FAR) as command:
+    with graph.diffbot("goal", *map(str, FAR)) as command:
         driven.peer.spin_until(lambda: "60 -60 0" in goal_of(driven), what="the goal")
         assert command.stop(signal.SIGINT) == 130
         assert "interrupted: goal cancelled\n" in command.output
@@ -94,7 +90,7 @@ def test_the_command_reports_the_end_in_one_line(driven, arguments, status, text
 
 
 def test_a_command_that_waits_for_a_controller_names_those_that_it_sees_and_can_be_interrupted(driven):
-    with goal_process(*FAR, "--controller", "pilot") as interrupted:
+    with graph.diffbot("goal", *map(str, FAR), "--controller", "pilot") as interrupted:
         interrupted.wait_for_output("waiting for the controller /pilot on ROS_DOMAIN_ID ")
         interrupted.wait_for_output("  there is /controller: diffbot goal X Y YAW\n")
         assert interrupted.stop(signal.SIGINT) == 130

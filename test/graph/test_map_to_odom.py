@@ -2,10 +2,8 @@
 
 import math
 from types import SimpleNamespace
-from typing import NamedTuple
 
 import numpy as np
-import one_process
 import pytest
 from filter_input import START, fix, joint_state, odometry
 from robot import pose_stamped
@@ -18,12 +16,6 @@ from diffbot_control.ros.tf import TransformSender
 from diffbot_core.geometry import Pose
 
 SECOND = 10**9
-
-
-class Message(NamedTuple):
-    """Stands in for tf2_msgs/TFMessage, which no wheel has."""
-
-    transforms: list
 
 
 class Node:
@@ -43,7 +35,8 @@ def matrix(pose):
 
 
 def test_map_to_odom_takes_the_pose_in_odom_to_the_estimate(monkeypatch):
-    monkeypatch.setattr(messages, "TFMessage", Message)
+    # No wheel has tf2_msgs.
+    monkeypatch.setattr(messages, "TFMessage", SimpleNamespace)
     node = Node()
     in_map, in_odom = Pose(3.0, -2.0, 2.5), Pose(1.0, 4.0, -1.5)
     TransformSender(node, "map", "left/odom", 0.25).send(7 * SECOND, in_map, in_odom)
@@ -57,17 +50,16 @@ def test_map_to_odom_takes_the_pose_in_odom_to_the_estimate(monkeypatch):
 
 
 @pytest.fixture
-def ekf(monkeypatch):
+def ekf(nodes, monkeypatch):
     """Return a function that starts an ekf and returns it with the arguments of its sender and what that sends."""
-    with one_process.nodes() as nodes:
-        created, sent = [], []
+    created, sent = [], []
 
-        def sender(*arguments):
-            created[:] = arguments
-            return SimpleNamespace(send=lambda *values: sent.append(values))
+    def sender(*arguments):
+        created[:] = arguments
+        return SimpleNamespace(send=lambda *values: sent.append(values))
 
-        monkeypatch.setattr(ekf_node, "transform_sender", sender)
-        yield lambda parameters: (nodes.add(EkfNode, parameters), created, sent)
+    monkeypatch.setattr(ekf_node, "transform_sender", sender)
+    return lambda parameters: (nodes.add(EkfNode, parameters), created, sent)
 
 
 def in_odom(time, x, y, theta, prefix=""):

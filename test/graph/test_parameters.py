@@ -2,7 +2,6 @@
 
 import math
 
-import one_process
 import pytest
 import yaml
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters, SetParametersAtomically
@@ -24,26 +23,6 @@ NODES = {
 """Parameters with which each node starts in the tests of files."""
 
 
-@pytest.fixture(scope="module")
-def running():
-    with one_process.nodes() as nodes:
-        yield nodes
-
-
-@pytest.fixture
-def start(running):
-    """Return a function that starts a node by its name; all are removed after the test."""
-    started = []
-
-    def begin(name, parameters=None, arguments=()):
-        started.append(running.add(KINDS[name], parameters, arguments))
-        return started[-1]
-
-    yield begin
-    for node in started:
-        running.remove(node)
-
-
 @pytest.mark.parametrize(
     ("name", "parameters", "text"),
     [
@@ -55,18 +34,18 @@ def start(running):
         ("ekf", {"qos_overrides./odom.subscription.depth": 0}, "qos_overrides./odom.subscription.depth = 0: must be"),
     ],
 )
-def test_a_start_with_a_bad_value_is_refused_in_words(start, name, parameters, text):
+def test_a_start_with_a_bad_value_is_refused_in_words(nodes, name, parameters, text):
     with pytest.raises(DiffbotError) as caught:
-        start(name, parameters)
+        nodes.add(KINDS[name], parameters)
     assert str(caught.value).startswith(text)
 
 
-def test_what_holds_between_parameters_is_kept_and_several_can_change_at_once(running, start):
-    start("controller")
+def test_what_holds_between_parameters_is_kept_and_several_can_change_at_once(nodes):
+    nodes.add(ControllerNode)
 
     def change(service=SetParametersAtomically, **values):
         request = service.Request(parameters=[Parameter(*one).to_parameter_msg() for one in typed(values)])
-        answer = running.peer.call(service, f"controller/{service_names[service]}", request)
+        answer = nodes.peer.call(service, f"controller/{service_names[service]}", request)
         return answer.result if service is SetParametersAtomically else answer.results[0]
 
     def typed(values):
@@ -74,7 +53,7 @@ def test_what_holds_between_parameters_is_kept_and_several_can_change_at_once(ru
 
     def present(name):
         request = GetParameters.Request(names=[name])
-        return python_value(running.peer.call(GetParameters, "controller/get_parameters", request).values[0])
+        return python_value(nodes.peer.call(GetParameters, "controller/get_parameters", request).values[0])
 
     service_names = {SetParameters: "set_parameters", SetParametersAtomically: "set_parameters_atomically"}
     refused = change(SetParameters, eps_P_leave=0.3)
@@ -91,11 +70,11 @@ def test_what_holds_between_parameters_is_kept_and_several_can_change_at_once(ru
     assert "read-only" in change(SetParameters, law="switching").reason
 
 
-def dumped(running, node):
+def dumped(peer, node):
     """Return what ``ros2 param dump`` prints: the steps of ros2param's verb, by the same services."""
     name = node.get_fully_qualified_name()
-    names = sorted(running.peer.call(ListParameters, f"{name}/list_parameters").result.names)
-    found = running.peer.call(GetParameters, f"{name}/get_parameters", GetParameters.Request(names=names)).values
+    names = sorted(peer.call(ListParameters, f"{name}/list_parameters").result.names)
+    found = peer.call(GetParameters, f"{name}/get_parameters", GetParameters.Request(names=names)).values
     tree = {}
     for key, value in zip(names, found, strict=True):
         *groups, last = key.split(PARAMETER_SEPARATOR_STRING)
@@ -109,37 +88,34 @@ def dumped(running, node):
 
 
 @pytest.mark.parametrize("name", NODES)
-def test_a_dump_starts_the_node_again_with_the_same_values_and_can_be_loaded(running, name, tmp_path):
-    node = running.add(KINDS[name], NODES[name])
-    first, file = dumped(running, node), tmp_path / "dump.yaml"
-    running.remove(node)
+def test_a_dump_starts_the_node_again_with_the_same_values_and_can_be_loaded(nodes, name, tmp_path):
+    node = nodes.add(KINDS[name], NODES[name])
+    first, file = dumped(nodes.peer, node), tmp_path / "dump.yaml"
+    nodes.remove(node)
     assert "null" not in first
     file.write_text(first)
-    node = running.add(KINDS[name], arguments=("--params-file", str(file)))
-    try:
-        assert dumped(running, node) == first
-        # What can be changed is set, the rest is read-only.
-        request = SetParameters.Request(parameters=list(parameter_dict_from_yaml_file(str(file)).values()))
-        results = running.peer.call(SetParameters, f"{name}/set_parameters", request).results
-        assert all("read-only" in result.reason for result in results if not result.successful)
-        changeable = [one for one in parameters_of(type(node.config)) if not one.spec.read_only]
-        assert sum(result.successful for result in results) >= len(changeable)
-        assert dumped(running, node) == first
-    finally:
-        running.remove(node)
+    node = nodes.add(KINDS[name], arguments=("--params-file", str(file)))
+    assert dumped(nodes.peer, node) == first
+    # What can be changed is set, the rest is read-only.
+    request = SetParameters.Request(parameters=list(parameter_dict_from_yaml_file(str(file)).values()))
+    results = nodes.peer.call(SetParameters, f"{name}/set_parameters", request).results
+    assert all("read-only" in result.reason for result in results if not result.successful)
+    changeable = [one for one in parameters_of(type(node.config)) if not one.spec.read_only]
+    assert sum(result.successful for result in results) >= len(changeable)
+    assert dumped(nodes.peer, node) == first
 
 
-def test_a_file_counts_for_the_nodes_it_names_and_warns_of_unknown_names_only(start, tmp_path, capfd):
+def test_a_file_counts_for_the_nodes_it_names_and_warns_of_unknown_names_only(nodes, tmp_path, capfd):
     file = tmp_path / "all.yaml"
     known = "landmark_rate: 0.0\n    gamma: 1.0\n    hold_goal: true\n    state_file: ''\n    uri: bag"
     qos = "qos_overrides:\n      /odom:\n        subscription:\n          depth: 7"
     plant = "/**/plant:\n  ros__parameters:\n    initial_pose.x: 3\n    initial_pose.yaw: 0.0\n    start_paused: true\n"
     file.write_text(f"/**:\n  ros__parameters:\n    {known}\n    {qos}\n    gama: 2.0\n{plant}")
-    node = start("ekf", arguments=("--params-file", str(file)))
+    node = nodes.add(EkfNode, arguments=("--params-file", str(file)))
     output = "".join(capfd.readouterr())
     assert "unknown parameter 'gama' is ignored; did you mean 'gamma'?" in output
     assert output.count("unknown parameter") == 1
     assert node.get_parameter("qos_overrides./odom.subscription.depth").value == 7
     arguments = ("--params-file", str(file), "-r", "__ns:=/filed", "-p", "initial_pose.y:=4.5")
-    node = start("plant", arguments=arguments)
+    node = nodes.add(PlantNode, arguments=arguments)
     assert [node.get_parameter(f"initial_pose.{name}").value for name in ("x", "y", "yaw")] == [3.0, 4.5, 0.0]

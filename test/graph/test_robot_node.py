@@ -3,7 +3,6 @@
 from functools import partial
 
 import graph
-import one_process
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TwistStamped
 from inside import inside
 from lockstep_drive import assert_same_path, go
@@ -96,12 +95,11 @@ def test_a_law_of_others_reaches_a_goal():
         assert (status["law"], status["goals reached"]) == ("rotate_drive_rotate", "1")
 
 
-def test_a_pose_of_another_topic_is_subscribed_to():
-    with one_process.nodes() as nodes:
-        ekf = nodes.add(EkfNode)
-        for topic, is_handed_over in (("pose", True), ("amcl_pose", False)):
-            arguments = ("-r", f"pose:={topic}", "-r", f"__node:={topic}_controller")
-            ekf.pose_receiver = None
-            nodes.add(partial(RobotControllerNode, ekf), arguments=arguments)
-            assert (ekf.pose_receiver is not None) == is_handed_over
-            assert bool(nodes.peer.node.get_subscriptions_info_by_topic(f"/{topic}")) != is_handed_over
+def test_a_pose_of_another_topic_is_subscribed_to(nodes):
+    ekf = nodes.add(EkfNode)
+    for topic, is_handed_over in (("pose", True), ("amcl_pose", False)):
+        arguments = ("-r", f"pose:={topic}", "-r", f"__node:={topic}_controller")
+        ekf.pose_receiver = None
+        nodes.add(partial(RobotControllerNode, ekf), arguments=arguments)
+        assert (ekf.pose_receiver is not None) == is_handed_over
+        assert bool(nodes.peer.node.get_subscriptions_info_by_topic(f"/{topic}")) != is_handed_over

@@ -14,15 +14,16 @@ from diffbot_sim.plant_node import PlantNode
 from diffbot_sim.ros.parameters import PlantNodeConfig
 
 SIMULATED = {"use_sim_time": True}
-KINDS = {
-    "odom": Odometry,
-    "odometry/filtered": Odometry,
-    "ground_truth": Odometry,
-    "pose": PoseWithCovarianceStamped,
-    "global_pose": PoseWithCovarianceStamped,
-    "heading": Imu,
-    "cmd_vel": TwistStamped,
+TOPICS = {
+    "odom": (Odometry, "{}/odom", "{}/base_link"),
+    "odometry/filtered": (Odometry, "map", "{}/base_link"),
+    "ground_truth": (Odometry, "map", "{}/base_link"),
+    "pose": (PoseWithCovarianceStamped, "map", ""),
+    "global_pose": (PoseWithCovarianceStamped, "map", ""),
+    "heading": (Imu, "{}/base_link", ""),
+    "cmd_vel": (TwistStamped, "{}/base_link", ""),
 }
+"""Type, frame and child frame, with the robot's name in them."""
 
 
 def add_robot(nodes, name, plant):
@@ -44,7 +45,7 @@ def test_topics_and_frames_of_two_robots_are_apart(nodes):
     """One goes to its goal, the other one receives nothing of it."""
     peer = nodes.peer
     received = {
-        name: {topic: peer.subscribe(kind, f"/{name}/{topic}", DEEP) for topic, kind in KINDS.items()}
+        name: {topic: peer.subscribe(kind, f"/{name}/{topic}", DEEP) for topic, (kind, *_) in TOPICS.items()}
         for name in ("left", "right")
     }
     plant = {"heading_rate": 10.0, **{f"initial_pose.{name}": 0.0 for name in ("x", "y", "yaw")}}
@@ -54,19 +55,9 @@ def test_topics_and_frames_of_two_robots_are_apart(nodes):
     peer.spin_until(lambda: all(received["right"][one] for one in ("pose", "heading")), what="poses of the right one")
     assert not received["right"]["cmd_vel"], "the left robot's goal is not the right one's"
     for name, topics in received.items():
-        expected = {
-            "odom": (f"{name}/odom", f"{name}/base_link"),
-            "odometry/filtered": ("map", f"{name}/base_link"),
-            "ground_truth": ("map", f"{name}/base_link"),
-            "pose": ("map", ""),
-            "global_pose": ("map", ""),
-            "heading": (f"{name}/base_link", ""),
-            "cmd_vel": (f"{name}/base_link", ""),
-        }
-        for topic, frames in expected.items():
-            messages = topics[topic]
+        for topic, messages in topics.items():
             found = {(one.header.frame_id, getattr(one, "child_frame_id", "")) for one in messages}
-            assert found <= {frames}, (name, topic)
+            assert found <= {tuple(frame.format(name) for frame in TOPICS[topic][1:])}, (name, topic)
         assert not controllers[name].health.dropped
     heading = received["left"]["heading"][0]
     assert heading.angular_velocity_covariance[0] == heading.linear_acceleration_covariance[0] == -1.0

@@ -9,12 +9,14 @@ from pathlib import Path
 import graph
 import pytest
 import rosbag2_bags
+from overlay import ros2
 from robot import robot
 
 ROOT = Path(__file__).resolve().parents[2]
 NOT_HERE = {"rviz:=true"}
 """What a test cannot have: a screen."""
 ALONE = ("--no-daemon", "--spin-time", "2")
+"""Without the daemon, which would outlive the test."""
 
 
 def of_readme(beginning):
@@ -22,11 +24,6 @@ def of_readme(beginning):
     section = (ROOT / "README.md").read_text().partition("## Use it on ROS 2 Jazzy")[2].partition("\n## ")[0]
     (line,) = (line.strip() for line in section.splitlines() if line.strip().startswith(beginning))
     return [word for word in line.partition("#")[0].split() if word not in NOT_HERE]
-
-
-def ros2(*words, **options):
-    """Run a command of ROS without its daemon, which would outlive the test."""
-    return graph.process("ros2", *map(str, words), **options)
 
 
 def answer(*words, cwd=None):

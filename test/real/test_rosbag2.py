@@ -11,6 +11,7 @@ import pytest
 import rosbag2_bags
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
+from overlay import ros2
 from rclpy.qos import QoSProfile
 from recorders import Recorder
 from robot import robot
@@ -159,10 +160,6 @@ def test_a_bag_that_is_not_supported_is_refused_in_one_line_that_says_why(theirs
     assert status == 1
     assert error.count("\n") == 1
     assert word in error
-
-
-def ros2(*arguments, **options):
-    return graph.process("ros2", *map(str, arguments), **options)
 
 
 def test_ros2_bag_play_sends_all_of_ours(ours):

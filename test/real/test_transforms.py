@@ -5,7 +5,6 @@ import time
 
 import graph
 import pytest
-from action_msgs.msg import GoalStatus
 from nav_msgs.msg import Odometry
 from overlay import program
 from rclpy.action import ActionClient
@@ -82,55 +81,30 @@ def test_a_cpp_listener_has_each_pose_at_its_stamp(driving, figures):
     with program("tf2_ros", "buffer_server", "--ros-args", "-p", "buffer_size:=30.0"):
         client = ActionClient(peer.node, LookupTransform, "tf2_buffer_server")
         peer.spin_until(client.server_is_ready, what="the buffer server")
-        ask(peer, client, "map", Time().to_msg())
-        stamps, waits, errors, asked = Stamps(peer), [], [], []
-
-        def ask_for(_, parent, message):
-            asked.append(message)
+        graph.wait_for(lambda: not ask(peer, client, "map", Time().to_msg()).error.error, what="a transform at all")
+        stamps, waits, errors = Stamps(peer), [], []
+        while len(waits) < LOOKUPS:
+            peer.spin_until(lambda: stamps.waiting, what="a pose")
+            _, parent, message = stamps.waiting.pop(0)
             at = time.monotonic()
-            sent = send(client, parent, message.header.stamp)
-            sent.add_done_callback(
-                lambda sent: (
-                    sent.result()
-                    .get_result_async()
-                    .add_done_callback(lambda answer: conclude(at, message, answer.result().result))
-                )
-            )
-
-        def conclude(at, message, result):
-            assert result.error.error == 0, result.error.error_string
+            result = ask(peer, client, parent, message.header.stamp)
             waits.append(time.monotonic() - at)
+            assert result.error.error == 0, result.error.error_string
             errors.append(difference(result.transform.transform, message.pose.pose))
-
-        def looked_up():
-            # One at a time: the time is that from the question to the answer.
-            if stamps.waiting and len(asked) == len(waits) < LOOKUPS:
-                ask_for(*stamps.waiting.pop(0))
-            return len(waits) == LOOKUPS
-
-        peer.spin_until(looked_up, 180.0, f"{LOOKUPS} transforms")
         client.destroy()
     assert max(errors) < 1e-9
     figures["tf2 c++"] = {"lookups": len(waits), "worst wait": max(waits), "worst difference": max(errors)}
 
 
-def send(client, parent, stamp):
+def ask(peer, client, parent, stamp):
+    """Return the server's answer for a stamp."""
     goal = LookupTransform.Goal(target_frame=parent, source_frame="base_link", source_time=stamp)
     goal.timeout.sec = int(MAX_AGE)
-    return client.send_goal_async(goal)
-
-
-def ask(peer, client, parent, stamp):
-    """Wait until the server has a transform at all."""
-
-    def answered():
-        sent = send(client, parent, stamp)
-        peer.spin_until(sent.done, what="the goal's acceptance")
-        result = sent.result().get_result_async()
-        peer.spin_until(result.done, what="the server's result")
-        return result.result().status == GoalStatus.STATUS_SUCCEEDED and not result.result().result.error.error
-
-    graph.wait_for(answered, what="a transform in the server")
+    sent = client.send_goal_async(goal)
+    peer.spin_until(sent.done, what="the goal's acceptance")
+    result = sent.result().get_result_async()
+    peer.spin_until(result.done, what="the server's result")
+    return result.result().result
 
 
 @pytest.fixture

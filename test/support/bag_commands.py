@@ -102,14 +102,7 @@ def run(arguments):
 
 
 def problems_of(bag, given, names, folder):
-    """Run commands on a bag, in this process; return the commands and in one line each, what is wrong with them.
-
-    Args:
-        bag: path of the bag.
-        given: folder of the other inputs: contract.yaml, ekf.yaml and the bag ``good``.
-        names: of the commands.
-        folder: does not exist yet, for outputs.
-    """
+    """Run commands on a bag, with outputs in a new folder; return each, what is wrong with it, and its time [s]."""
     found = []
     for name in names:
         for number, template in enumerate(ARGUMENTS[name]):
@@ -163,10 +156,7 @@ def complaint_about(status, out, err, seconds):
 
 
 def in_fork(work, seconds):
-    """Return what ``work`` returns in a forked process that may grow by MEMORY and use ``seconds`` of processor time.
-
-    It is a text if the process died.
-    """
+    """Return what ``work`` returns in a fork with bounds of MEMORY and of processor time [s]; a text if it died."""
     reading, writing = os.pipe()
     child = os.fork()
     if child == 0:

@@ -1,7 +1,11 @@
 """Bags as other makers write and read them, in rosbag2's layout: by the mcap library in many chunks, by rosbags."""
 
-from contextlib import contextmanager
+import struct
+from contextlib import contextmanager, suppress
 
+from mcap.exceptions import EndOfFile
+from mcap.records import Message
+from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Qos as RosbagsQos
@@ -31,15 +35,9 @@ def string(text):
 
 @contextmanager
 def mcap_writing(stream, topics, definitions=None, chunk_size=1000, compression="zstd", **options):
-    """Write a file with the mcap library; gives its writer, and the channel of each topic.
+    """Give the mcap library's writer of a file and the channel of each topic, of a type and with metadata.
 
-    Args:
-        stream: to write to.
-        topics: type of each, and the metadata of its channel.
-        definitions: text of each type; default: those of rosbags.
-        chunk_size: [bytes] before compression.
-        compression: one of COMPRESSIONS.
-        options: of the library's writer.
+    Without ``definitions``, the text of each type is that of rosbags; ``options`` are those of the library's writer.
     """
     writer = Writer(stream, chunk_size=chunk_size, compression=COMPRESSIONS[compression], **options)
     writer.start("ros2", "somebody's recorder")
@@ -51,10 +49,7 @@ def mcap_writing(stream, topics, definitions=None, chunk_size=1000, compression=
 
 
 def write_mcap(path, topics, messages, definitions=None, **options):
-    """Write a file with the mcap library: topic, log time and data of each message; then publish time and sequence.
-
-    See :func:`mcap_writing` for the rest.
-    """
+    """Write topic, log time and data of each message, and maybe publish time and sequence, see mcap_writing."""
     with path.open("wb") as stream, mcap_writing(stream, topics, definitions, **options) as (writer, channels):
         for topic, time, data, *more in messages:
             writer.add_message(channels[topic], time, data, *(more or [time]))
@@ -62,13 +57,7 @@ def write_mcap(path, topics, messages, definitions=None, **options):
 
 
 def write_rosbags(folder, messages, offers=None):
-    """Write a bag with rosbags, which gives no sequence numbers.
-
-    Args:
-        folder: of the bag.
-        messages: topic, log time [ns], type and data (CDR) of each.
-        offers: QoS of the publishers of a topic.
-    """
+    """Write topic, log time, type and data of each message with rosbags; ``offers`` has the QoS by topic."""
     with RosbagsWriter(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         connections = {}
         for topic, time, kind, data in messages:
@@ -86,6 +75,17 @@ def read(path, raw=False):
         for connection, time, data in reader.messages():
             message = bytes(data) if raw else reader.deserialize(data, connection.msgtype)
             found.setdefault(connection.topic, []).append((time, message))
+    return found
+
+
+def unfinished(path):
+    """Return the whole messages in a file that may have no end yet, or not be there."""
+    found = []
+    # The library raises either error, by where the end of what is written comes: within a number, or before it.
+    with suppress(EndOfFile, struct.error, FileNotFoundError), path.open("rb") as stream:
+        for record in StreamReader(stream).records:
+            if isinstance(record, Message):
+                found.append(record)
     return found
 
 

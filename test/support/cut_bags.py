@@ -116,14 +116,9 @@ def facts(path):
     return found
 
 
-def stated(folder):
-    """The map in metadata.yaml."""
-    return yaml.safe_load((folder / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
-
-
 def check_metadata(folder):
     """Compare metadata.yaml, and the statistics of each file, with the messages found."""
-    content = stated(folder)
+    content = yaml.safe_load((folder / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
     assert content["relative_file_paths"] == [file.name for file in files_of(folder)]
     assert [entry["path"] for entry in content["files"]] == content["relative_file_paths"]
     of_file = {file.name: facts(file) for file in files_of(folder)}

@@ -141,10 +141,7 @@ class Process:
             assert not ended, f"ended with {self.popen.returncode} before {text!r}:\n{self.output}"
             return False
 
-        try:
-            wait_for(found, timeout, repr(text))
-        except AssertionError as error:
-            raise AssertionError(f"{error}\n{self.output}") from None
+        wait_for(found, timeout, repr(text))
 
     def send(self, number):
         """Send a signal if it still runs."""
@@ -152,16 +149,12 @@ class Process:
 
     def wait(self, timeout=PATIENCE):
         """Return the exit status; fail after ``timeout`` [s], PATIENCE at least."""
-        timeout = max(timeout, PATIENCE)
-        try:
-            return self.popen.wait(timeout)
-        except subprocess.TimeoutExpired:
-            raise AssertionError(f"did not end within {timeout:g} s:\n{self.output}") from None
+        return self.popen.wait(max(timeout, PATIENCE))
 
-    def stop(self, number=signal.SIGINT, timeout=PATIENCE):
+    def stop(self, number=signal.SIGINT):
         """Send a signal and return the exit status."""
         self.send(number)
-        return self.wait(timeout)
+        return self.wait()
 
     def end(self):
         """End it whatever it does, and show its output in the report of a failed test."""
@@ -192,14 +185,7 @@ def diffbot(*arguments, **options):
 
 
 def node(module, parameters=None, arguments=(), **options):
-    """Run ``python -m module`` with ROS parameters while the ``with`` block lasts.
-
-    Args:
-        module: such as ``diffbot_bag.recorder_node``.
-        parameters: name to value; bool, number, text, list of texts, path.
-        arguments: more ROS arguments, such as ``("-r", "odom:=other")``.
-        options: those of subprocess.Popen.
-    """
+    """Run ``python -m module`` with ROS parameters and more ROS arguments while the ``with`` block lasts."""
     return process(sys.executable, "-m", module, "--ros-args", *ros_arguments(parameters), *arguments, **options)
 
 
@@ -225,17 +211,9 @@ class Peer:
         rclpy.init(context=self.context)
         # Without parameters: a recorder of the graph would ask for them, and may be gone before the answer.
         self.node = Node(name, context=self.context, **{"start_parameter_services": False, **options})
-        self._executor = executor(self.context) if executor else SingleThreadedExecutor(context=self.context)
-        self._executor.add_node(self.node)
+        self.executor = executor(self.context) if executor else SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
         self._drains = executor is None
-
-    def add_node(self, node):
-        """Spin another node, of the same context, together with this one."""
-        self._executor.add_node(node)
-
-    def remove_node(self, node):
-        """Spin it no more."""
-        self._executor.remove_node(node)
 
     def spin_until(self, condition, timeout=PATIENCE, what="the condition"):
         """Handle callbacks until ``condition()`` is true and return its value; fail after that time."""
@@ -248,7 +226,7 @@ class Peer:
         """Handle callbacks until ``condition()`` is true; return its last value, false after ``duration`` [s]."""
         deadline = time.monotonic() + duration
         while not (value := condition()) and time.monotonic() < deadline:
-            self._executor.spin_once(timeout_sec=0.02)
+            self.executor.spin_once(timeout_sec=0.02)
             self.drain()
         return value
 
@@ -264,7 +242,7 @@ class Peer:
         """Handle callbacks for ``duration`` [s], to see that something does not come."""
         deadline = time.monotonic() + duration
         while (left := deadline - time.monotonic()) > 0.0:
-            self._executor.spin_once(timeout_sec=left)
+            self.executor.spin_once(timeout_sec=left)
             self.drain()
 
     def spin_until_quiet(self, duration=0.2):
@@ -272,7 +250,7 @@ class Peer:
         waited = 0.0
         while waited < duration:
             begin = time.monotonic()
-            self._executor.spin_once(timeout_sec=duration)
+            self.executor.spin_once(timeout_sec=duration)
             waited = time.monotonic() - begin
 
     def subscribe(self, message_type, topic, qos=10, raw=False):
@@ -285,21 +263,20 @@ class Peer:
         """Return a publisher."""
         return self.node.create_publisher(message_type, topic, qos)
 
-    def wait_for_subscribers(self, *publishers, count=1, timeout=PATIENCE):
+    def wait_for_subscribers(self, *publishers, count=1):
         """Wait until each publisher knows this many subscribers."""
         for publisher in publishers:
             wait_for(
                 lambda publisher=publisher: publisher.get_subscription_count() >= count,
-                timeout,
-                f"a subscriber of {publisher.topic_name}",
+                what=f"a subscriber of {publisher.topic_name}",
             )
 
-    def wait_for_publishers(self, *topics, timeout=PATIENCE):
+    def wait_for_publishers(self, *topics):
         """Wait until the subscription of each topic knows a publisher: discovery may take seconds on a busy machine."""
         for topic in topics:
             name = self.node.resolve_topic_name(topic)
             subscription = next(each for each in self.node.subscriptions if each.topic_name == name)
-            self.spin_until(subscription.get_publisher_count, timeout, f"a publisher of {name}")
+            self.spin_until(subscription.get_publisher_count, what=f"a publisher of {name}")
 
     def call(self, service_type, name, request=None, timeout=PATIENCE):
         """Call a service and return its response.
@@ -326,7 +303,7 @@ class Peer:
 
     def close(self):
         """Leave the graph, while nothing changes in it: otherwise Fast DDS may hang, see core/ros/forced_exit.py."""
-        self._executor.shutdown()
+        self.executor.shutdown()
         before, deadline = None, time.monotonic() + _ANSWER
         while (now := self._graph()) != before and time.monotonic() < deadline:
             before = now

@@ -1,5 +1,7 @@
 """Hostile connections to a server of pages, from a seed: what is sent, byte by byte."""
 
+from websockets.frames import Frame, Opcode
+
 GOAL = '{"type": "goal", "robot": "robot", "x": %s, "y": 0, "yaw": 0}'
 MESSAGES = [
     *(GOAL % value for value in ("NaN", "1e400", "-Infinity", "1" + "0" * 3000, '"1,5"', "null", "[[]]", "true")),
@@ -51,23 +53,17 @@ def requests(host, token):
         "wrong frames": lambda rng: socket(rng, rng.randbytes(rng.randrange(1, 500))),
         "unmasked": lambda rng: socket(rng, b"\x81\x02{}"),
         "length that lies": lambda rng: socket(rng, b"\x81\xff" + rng.randbytes(12)),
-        "fragments": lambda rng: socket(rng, b"".join(frame(rng, b"[", 0x01 if not n else 0x00) for n in range(3000))),
-        "pings": lambda rng: socket(rng, b"".join(frame(rng, b"x" * 100, 0x89) for _ in range(300))),
-        "messages": lambda rng: socket(
-            rng, b"".join(frame(rng, one.encode("utf-8", "replace")) for one in rng.sample(MESSAGES, 3))
+        "fragments": lambda rng: socket(
+            rng, frame(b"[", is_last=False) + b"".join(frame(b"[", Opcode.CONT, is_last=False) for _ in range(2999))
         ),
-        "binary": lambda rng: socket(rng, frame(rng, rng.randbytes(50), 0x82)),
+        "pings": lambda rng: socket(rng, b"".join(frame(b"x" * 100, Opcode.PING) for _ in range(300))),
+        "messages": lambda rng: socket(
+            rng, b"".join(frame(one.encode("utf-8", "replace")) for one in rng.sample(MESSAGES, 3))
+        ),
+        "binary": lambda rng: socket(rng, frame(rng.randbytes(50), Opcode.BINARY)),
     }
 
 
-def frame(rng, payload, first=0x81):
-    """Return a masked WebSocket frame."""
-    mask = rng.randbytes(4)
-    size = len(payload)
-    if size < 126:
-        length = bytes([0x80 | size])
-    elif size < 2**16:
-        length = bytes([0x80 | 126]) + size.to_bytes(2, "big")
-    else:
-        length = bytes([0x80 | 127]) + size.to_bytes(8, "big")
-    return bytes([first]) + length + mask + bytes(byte ^ mask[at % 4] for at, byte in enumerate(payload))
+def frame(payload, kind=Opcode.TEXT, *, is_last=True):
+    """Return a frame as a browser sends it."""
+    return Frame(kind, payload, fin=is_last).serialize(mask=True)

@@ -16,32 +16,20 @@ class Nodes:
         self._nodes = []
 
     def add(self, kind, parameters=None, arguments=(), **options):
-        """Create a node of class ``kind``.
-
-        Args:
-            kind: a class of nodes.
-            parameters: name to value.
-            arguments: ROS arguments, such as ``("-r", "__ns:=/other")``.
-            options: of the class.
-        """
+        """Create a node of class ``kind`` with parameters, ROS arguments and options of its class."""
         overrides = [Parameter(name, value=value) for name, value in (parameters or {}).items()]
         node = kind(
             context=self.peer.context, parameter_overrides=overrides, cli_args=["--ros-args", *arguments], **options
         )
         self._nodes.append(node)
-        self.peer.add_node(node)
+        self.peer.executor.add_node(node)
         return node
 
     def remove(self, node):
         """Take a node out of the graph."""
-        self.peer.remove_node(node)
+        self.peer.executor.remove_node(node)
         self._nodes.remove(node)
         node.destroy_node()
-
-    def close(self):
-        """Destroy the nodes."""
-        for node in list(self._nodes):
-            self.remove(node)
 
 
 class Fed:
@@ -77,4 +65,5 @@ def nodes(**options):
         try:
             yield running
         finally:
-            running.close()
+            for node in list(running._nodes):
+                running.remove(node)

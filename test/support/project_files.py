@@ -25,8 +25,7 @@ def tell():
 def files_read_by(program):
     """Return the project's installed files that a Python program imports, and others that it opens.
 
-    Modules that it only opens do not count: the project opens them to hash them. Nor does the metadata of the package,
-    where the names of laws stand: what a name stands for is hashed by itself.
+    The project opens modules to hash them: these do not count, nor the metadata, where only the names of laws stand.
     """
     command = [sys.executable, "-c", AUDIT + program]
     # Not in the source tree, which would be found before the installed package.

@@ -9,10 +9,7 @@ from diffbot_bag.replay_node import ReplayNode
 
 
 class Replay:
-    """A replay in the process of the test, and what subscriptions of the test receive from it.
-
-    It is paused until it and the subscriptions know of each other, and ends when reliable ones have everything.
-    """
+    """A replay and what subscriptions of the test receive; it ends when reliable ones have everything."""
 
     def __init__(self, nodes, uri, subscribed, arguments=(), **parameters):
         """Start; ``subscribed`` are types and QoS of subscriptions by topic."""

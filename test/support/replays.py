@@ -5,19 +5,10 @@ import itertools
 
 import bag_makers
 from bag_makers import POINT
+from foreign_bags import qos
 
 MS = 1_000_000
-LATCHED = """\
-- history: keep_last
-  depth: 1
-  reliability: reliable
-  durability: transient_local
-  deadline: {sec: 0, nsec: 0}
-  lifespan: {sec: 0, nsec: 0}
-  liveliness: automatic
-  liveliness_lease_duration: {sec: 0, nsec: 0}
-  avoid_ros_namespace_conventions: false
-"""
+LATCHED = qos(durability=1)
 
 
 class FakeClock:
@@ -57,8 +48,8 @@ class FakeClock:
 def write_mcap(path, messages, compression="zstd", latched=(), kind=POINT):
     """Write messages (topic, log time, data) in chunks of 1 kB, in the layout of rosbag2."""
     messages = list(messages)
-    qos = {topic: LATCHED if topic in latched else "" for topic, _, _ in messages}
-    topics = {topic: (kind, {"offered_qos_profiles": text, "topic_type_hash": ""}) for topic, text in qos.items()}
+    offers = {topic: LATCHED if topic in latched else "" for topic, _, _ in messages}
+    topics = {topic: (kind, {"offered_qos_profiles": text, "topic_type_hash": ""}) for topic, text in offers.items()}
     return bag_makers.write_mcap(path, topics, messages, compression=compression)
 
 

@@ -61,7 +61,7 @@ def missing_packages():
     prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
     if not any((Path(prefix) / "share" / AMCL).is_dir() for prefix in prefixes):
         missing.add(AMCL)
-    return missing if _has_wheels() else {*missing, WHEELS}
+    return missing if any(importlib.metadata.distributions(name=WHEELS)) else {*missing, WHEELS}
 
 
 def browser():
@@ -70,11 +70,7 @@ def browser():
 
 
 def left_out(missing):
-    """Return the packages that each test file lacks, by its path relative to test/; only files that lack any.
-
-    Args:
-        missing: pip's names, as :func:`missing_packages` returns them.
-    """
+    """Return the packages that each test file lacks, by its path relative to test/; only files that lack any."""
     if not missing:
         return {}
     # Reading the imports of all files takes seconds in each worker, so only if one of these packages is missing.
@@ -137,11 +133,3 @@ def _files_of(name):
     bases = [ROOT] if name.startswith("diffbot_") else [TESTS / "support", ROOT / "bench"]
     files = [base / place.with_suffix(".py") for base in bases]
     return [file for file in files if file.is_file()]
-
-
-def _has_wheels():
-    try:
-        importlib.metadata.distribution(WHEELS)
-    except importlib.metadata.PackageNotFoundError:
-        return False
-    return True

@@ -25,8 +25,6 @@ LOCKSTEP = {
     "controller": {"publish_when_idle": True, "reliable_inputs": True, **SIMULATED},
 }
 """Parameters of a robot that runs as fast as it goes."""
-START_TIMEOUT = 60.0
-"""[s] for a node to start and to be discovered on a busy machine"""
 TOPICS = {
     "plant": ("ground_truth",),
     "ekf": ("pose", "ekf/status"),
@@ -77,6 +75,7 @@ class Robot:
         self._stack = stack
         self.peer = peer
         self.namespace = namespace
+        self._remapped = ("-r", f"__ns:={namespace}") if namespace else ()
         self.processes = {}
         self.launched = []
         self.truths = peer.subscribe(Odometry, "ground_truth", DEEP)
@@ -87,10 +86,8 @@ class Robot:
         self.goals = peer.publisher(PoseStamped, "goal_pose")
         self.commands = []
 
-    def start(self, name, parameters=None, stamped=False):
+    def start(self, name, parameters=None):
         """Start one of the nodes; it is ready when this returns."""
-        if name == "controller" and not self.commands:
-            self.commands = self.peer.subscribe(TwistStamped if stamped else Twist, "cmd_vel", DEEP)
         process = self.launch(name, parameters)
         self.wait_until_ready(name)
         return process
@@ -99,14 +96,13 @@ class Robot:
         """Wait until the nodes have reported that they are ready, and the test has discovered their publishers."""
         for name in names:
             text = f"{'controller' if name == 'robot' else name}]: ready"
-            self.processes[name].wait_for_output(text, START_TIMEOUT)
+            self.processes[name].wait_for_output(text)
         for name in names:
-            self.peer.wait_for_publishers(*TOPICS[name], timeout=START_TIMEOUT)
+            self.peer.wait_for_publishers(*TOPICS[name])
 
     def launch(self, name, parameters=None, arguments=(), **options):
         """Start one of the nodes and do not wait for it; ``options`` are those of subprocess.Popen."""
-        if self.namespace:
-            arguments = (*arguments, "-r", f"__ns:={self.namespace}")
+        arguments = (*arguments, *self._remapped)
         process = self._stack.enter_context(graph.node(graph.MODULES[name], parameters, arguments, **options))
         self.processes[name] = process
         self.launched.append(process)
@@ -114,9 +110,8 @@ class Robot:
 
     def launch_joined(self, names, parameters, arguments=(), **options):
         """Start these nodes in one process and do not wait for it."""
-        if self.namespace:
-            arguments = (*arguments, "-r", f"__ns:={self.namespace}")
-        words = ("run", names[0], "--with", *names[1:], "--ros-args", *graph.ros_arguments(parameters), *arguments)
+        ros = *graph.ros_arguments(parameters), *arguments, *self._remapped
+        words = ("run", names[0], "--with", *names[1:], "--ros-args", *ros)
         process = self._stack.enter_context(graph.diffbot(*words, **options))
         self.processes.update(dict.fromkeys(names, process))
         self.launched.append(process)
@@ -141,7 +136,7 @@ class Robot:
 
         More ``tries`` are for a controller that has just started: it may not have discovered this publisher yet.
         """
-        self.peer.wait_for_subscribers(self.goals, timeout=START_TIMEOUT)
+        self.peer.wait_for_subscribers(self.goals)
         wanted = [round(float(number), 4) for number in goal]
 
         def known():
@@ -167,10 +162,6 @@ class Robot:
 
     def diagnosis(self, name):
         """Key-value pairs of a node on /diagnostics, sent after this call."""
-        return self.diagnoses(name, 1)[0]
-
-    def diagnoses(self, name, count):
-        """The same of so many reports one after the other."""
         self.catch_up()
         before = len(self.diagnostics)
         full = f"{self.namespace}/{name}"
@@ -178,10 +169,9 @@ class Robot:
         def following():
             news = [status for array in self.diagnostics[before:] for status in array.status if status.name == full]
             # The first may have been under way already.
-            return news[1 : count + 1] if len(news) > count else None
+            return news[1] if len(news) > 1 else None
 
-        found = self.peer.spin_until(following, 20.0, f"{count} times {full} on /diagnostics")
-        return [graph.values(status) for status in found]
+        return graph.values(self.peer.spin_until(following, what=f"{full} on /diagnostics"))
 
 
 @contextlib.contextmanager

@@ -23,16 +23,7 @@ def metadata(folder, storage=MCAP):
 
 
 def write(folder, messages, types, *, storage=MCAP, compression="", **options):
-    """Write a bag.
-
-    Args:
-        folder: of the new bag.
-        messages: (topic, bytes, log time).
-        types: type of each topic.
-        storage: mcap or sqlite3.
-        compression: ``FILE`` or ``MESSAGE``, by zstd; empty: none of rosbag2's own.
-        options: of rosbag2's StorageOptions.
-    """
+    """Write (topic, bytes, log time); ``compression``: FILE or MESSAGE, of rosbag2; ``options``: of its storage."""
     if compression:
         mode = getattr(rosbag2_py.CompressionMode, compression)
         writer = rosbag2_py.SequentialCompressionWriter(rosbag2_py.CompressionOptions("zstd", mode, 1, 1))

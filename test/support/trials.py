@@ -18,14 +18,7 @@ class Trials:
     """The trials of one promise, or a share of them; iterating gives their numbers."""
 
     def __init__(self, key, full, share, note):
-        """Start without a result.
-
-        Args:
-            key: of PROMISES.
-            full: all trials, not the short form.
-            share: (k, n) for every n-th trial from number k on.
-            note: called with the key, each result, and how often there is one.
-        """
+        """Start with no result; ``share``: (k, n) for every n-th trial from number k on; ``note`` gets the results."""
         self.key, self.promise = key, PROMISES[key]
         self._full, self._note = full, note
         first, step = share

@@ -197,6 +197,4 @@ def filter_status(name, number):
         "right wheel radius error": "-0.0200 +- 0.0020",
         "fixes rejected": str(number - 1),
     }
-    kind, message = status(name, "running")
-    message.values = [make("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in values.items()]
-    return kind, message
+    return status(name, "running", **values)

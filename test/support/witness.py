@@ -44,16 +44,16 @@ def numbers_of(message):
 class Witness:
     """Notes commands and true speeds with their times of receipt (monotonic), and checks every output."""
 
-    def __init__(self, robot, watched=tuple(OUTPUTS)):
-        """Subscribe to the ``watched`` outputs with the test's node of the robot."""
+    def __init__(self, robot):
+        """Subscribe to the outputs with the test's node of the robot."""
         self.robot, self.peer = robot, robot.peer
         self.commands, self.truths = [], []
         self.messages, self.non_finite = 0, []
         self.killed = set()
         self._waited = {}
-        for topic in watched:
+        for topic, kind in OUTPUTS.items():
             self.peer.node.create_subscription(
-                OUTPUTS[topic], topic, lambda message, topic=topic: self._check(topic, message), DEEP
+                kind, topic, lambda message, topic=topic: self._check(topic, message), DEEP
             )
 
     def _check(self, topic, message):
@@ -73,7 +73,7 @@ class Witness:
         self.robot.send_goal(*FAR, tries=5)
         self.until_moving()
 
-    def until_moving(self, timeout=30.0):
+    def until_moving(self):
         """Wait for a fast command that is newer than this call, and for the base's motion."""
         self.robot.catch_up()
         commands, truths = len(self.commands), len(self.truths)
@@ -82,8 +82,7 @@ class Witness:
                 any(abs(v) > 0.3 for _, (v, _) in self.commands[commands:])
                 and any(abs(v) > 0.3 for _, (v, _) in self.truths[truths:])
             ),
-            timeout,
-            "motion",
+            what="motion",
         )
 
     def wait(self, random):
@@ -93,10 +92,7 @@ class Witness:
     def moments(self, running, random, drive=None):
         """Yield the number of each trial at a random moment of a drive, and check that the robot moves after the last.
 
-        Args:
-            running: the trials.
-            random: of this test.
-            drive: what makes the robot move; by default it does so by itself once the fault has ended.
+        ``drive`` makes it move; by default it does so by itself once the fault has ended.
         """
         drive = drive or self.until_moving
         for number in running:
@@ -109,13 +105,10 @@ class Witness:
         """Add to the trials how long after a fault at ``since`` the robot stopped, see :meth:`stop_after`."""
         running.measure(self.stop_after(since, received), delay=self.delay())
 
-    def stop_after(self, since, received=None, timeout=10.0):
+    def stop_after(self, since, received=None):
         """Return the time [s] from ``since`` to the first of the zeros that are received without motion in between.
 
-        Args:
-            since: monotonic time of the fault.
-            received: list of (time, twist); the commands by default, the true speeds for a base that stops by itself.
-            timeout: [s] without a zero the test fails.
+        They are the commands by default; of a base that stops by itself, the true speeds.
         """
         received = self.commands if received is None else received
         zero = (0.0, 0.0)
@@ -133,7 +126,7 @@ class Witness:
                 first = at
             return first
 
-        self.peer.spin_until(stands, timeout, "standstill")
+        self.peer.spin_until(stands, what="standstill")
         return first_of_the_last_zeros() - since
 
     def kill(self, name, number=signal.SIGKILL):
@@ -167,7 +160,7 @@ class Witness:
                 found[path.parts[2], path.parts[4]] = int(path.read_text().split()[1]) * 1e-9
         return found
 
-    def report_with(self, *texts, timeout=10.0, level=None):
+    def report_with(self, *texts, level=None):
         """Wait for a report on /diagnostics, newer than this call, that contains the texts; return it."""
         begin = len(self.robot.diagnostics)
 
@@ -178,7 +171,7 @@ class Witness:
                     return report
             return None
 
-        return self.peer.spin_until(found, timeout, f"{texts} on /diagnostics")
+        return self.peer.spin_until(found, what=f"{texts} on /diagnostics")
 
     def audit(self, suite):
         """Add what the processes and messages of this robot showed to the counts of the suite; fail on a defect."""

@@ -46,18 +46,8 @@ class Written:
         return self.folder
 
 
-def read(path):
-    """Topic, text, log time, publish time and sequence of each message, by mcap's reader."""
-    with path.open("rb") as stream:
-        reader = make_reader(stream, validate_crcs=True)
-        return [
-            (channel.topic, STORE.deserialize_cdr(message.data, schema.name).data, message)
-            for schema, channel, message in reader.iter_messages(log_time_order=False)
-        ]
-
-
 def texts(path, topic="/data"):
-    return [content for name, content, _ in read(path) if name == topic]
+    return [STORE.deserialize_cdr(one.data, one.type).data for one in cut_bags.facts(path) if one.topic == topic]
 
 
 def names(folder):
@@ -85,8 +75,9 @@ def test_a_split_loses_nothing_and_repeats_latched_messages_only(tmp_path, disk)
     # The last one of each publisher.
     assert [texts(folder / f"run_{index}.mcap", "/map") for index in (1, 2)] == [["map a", "map b"]] * 2
     # At the head of the file, with its time, but as it was published.
-    topic, _, message = read(folder / "run_1.mcap")[0]
-    assert (topic, message.log_time, message.publish_time) == ("/map", BEGIN + 6 * SECOND // 10, BEGIN - 5)
+    with (folder / "run_1.mcap").open("rb") as stream:
+        _, channel, message = next(make_reader(stream).iter_messages(log_time_order=False))
+    assert (channel.topic, message.log_time, message.publish_time) == ("/map", BEGIN + 6 * SECOND // 10, BEGIN - 5)
 
 
 def test_metadata_of_several_files_is_that_of_their_contents(tmp_path):

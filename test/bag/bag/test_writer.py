@@ -4,12 +4,13 @@ from pathlib import Path
 
 import pytest
 import yaml
-from bag_makers import BEGIN, STORE, STRING, string
+from bag_makers import BEGIN, STRING, string
 from mcap.reader import make_reader
 from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability
+from view_bags import command, data_of
 
 from diffbot_bag.bag import metadata
 from diffbot_bag.bag.message_definitions import MessageDefinitions
@@ -22,12 +23,6 @@ TWIST = "geometry_msgs/msg/Twist"
 LATCHED = Qos(durability="transient_local")
 
 
-def twist(x):
-    vector = STORE.types["geometry_msgs/msg/Vector3"]
-    message = STORE.types[TWIST](linear=vector(x, 0.0, 0.0), angular=vector(0.0, 0.0, -x))
-    return bytes(STORE.serialize_cdr(message, TWIST))
-
-
 def write_bag(folder, count=10, **options):
     """Two topics: a twist each 10 ms, and one latched text at the begin."""
     writer = BagWriter(folder, **options)
@@ -36,7 +31,7 @@ def write_bag(folder, count=10, **options):
     writer.write(texts, string("<robot/>"), BEGIN, BEGIN - 5)
     for index in range(count):
         time = BEGIN + index * 10_000_000
-        writer.write(commands, twist(float(index)), time, time - 1000, index + 1)
+        writer.write(commands, data_of(command(index, -index)), time, time - 1000, index + 1)
     return writer
 
 

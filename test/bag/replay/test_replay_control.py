@@ -1,5 +1,6 @@
 """Control of a replay by services, parameters and keys; several bags; subscribers slower than the replay."""
 
+import fcntl
 import os
 import termios
 
@@ -12,7 +13,6 @@ from rclpy.node import Node
 from recorders import DEEP_LATCHED, KEEP_ALL, LATCHED
 from replay_nodes import Replay, play
 from replays import MS, write_mcap, write_rosbags
-from terminals import in_terminal
 
 pytestmark = pytest.mark.graph
 
@@ -70,6 +70,16 @@ def test_seek_burst_and_rate_by_parameters(nodes, bag):
         assert replay.set(rate=1000.0) == ""
         assert replay.wait_for_end() == 0
     assert (replay.of("/a"), replay.of("/map")) == (A, MAP)
+
+
+def in_terminal(theirs):
+    """Return the options of a process whose stdin is this terminal, in its foreground."""
+    return {
+        "stdin": theirs,
+        "start_new_session": True,
+        "preexec_fn": lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
+        "cwd": "/",  # not the source tree, where a program of -c would find the package first
+    }
 
 
 def test_keys_pause_step_and_change_the_rate_and_ctrl_c_restores_the_terminal(bag, terminal):

@@ -127,26 +127,15 @@ def test_the_clock_replaces_a_recorded_one(nodes, bag):
 
 
 def test_the_recorded_qos_is_offered_or_the_one_of_a_file(nodes, bag, tmp_path):
-    def offered(*topics, **parameters):
-        with Replay(nodes, bag, {}, **parameters) as replay:
-            infos = {}
-
-            def known():
-                infos.update({name: replay.peer.node.get_publishers_info_by_topic(name) for name in topics})
-                return all(infos.values())
-
-            replay.peer.spin_until(known, what="publishers")
-        return [from_ros(infos[name][0].qos_profile) for name in topics]
-
-    a, noise, text = offered("/a", "/noise", "/text")
-    assert (a.reliability, a.durability) == ("reliable", "volatile")
+    path, names = tmp_path / "qos.yaml", ("/a", "/noise", "/text")
+    path.write_text("/a: {reliability: best_effort, deadline: {sec: 2, nsec: 0}}\n")
+    find = nodes.peer.node.get_publishers_info_by_topic
+    with Replay(nodes, bag, {}, qos_profile_overrides_path=str(path)):
+        nodes.peer.spin_until(lambda: all(map(find, names)), what="publishers")
+        a, noise, text = (from_ros(find(name)[0].qos_profile) for name in names)
+    assert (a.reliability, a.durability, a.deadline) == ("best_effort", "volatile", 2 * 10**9)
     assert (noise.reliability, noise.durability) == ("best_effort", "volatile")
     assert (text.reliability, text.durability) == ("reliable", "transient_local")
-    path = tmp_path / "qos.yaml"
-    path.write_text("/a: {reliability: best_effort, deadline: {sec: 2, nsec: 0}}\n/text: {durability: volatile}\n")
-    a, latched = offered("/a", "/text", qos_profile_overrides_path=str(path))
-    assert (a.reliability, a.deadline) == ("best_effort", 2 * 10**9)
-    assert (latched.reliability, latched.durability) == ("reliable", "volatile")
 
 
 def test_a_type_that_is_not_installed_is_named_once_and_the_rest_played(nodes, tmp_path, capfd):
