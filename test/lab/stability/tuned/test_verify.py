@@ -1,4 +1,4 @@
-"""The checker passes what is proved and finds mistakes planted in a certificate, in its maker, and in itself."""
+"""The checker passes what is proved and finds mistakes planted in a certificate and in its maker."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,6 @@ import pytest
 from diffbot_control.law.configuration import ControllerConfig
 from diffbot_core.errors import DiffbotError
 from diffbot_lab.stability.tuned import certify as maker
-from diffbot_lab.stability.tuned import verify as checker
 from diffbot_lab.stability.tuned.certify import tuned_loop
 from diffbot_lab.stability.tuned.check.cells import cells_of, failing_kernel
 from diffbot_lab.stability.tuned.check.commands import numbers_of
@@ -128,14 +127,6 @@ def test_a_certificate_of_another_law_or_contract_is_found(certificate):
     contract = certificate.plan.contract._replace(eps_position=0.062)
     with pytest.raises(DiffbotError, match="not verified"):
         verify(certificate._replace(plan=certificate.plan._replace(contract=contract)))
-
-
-@pytest.mark.parametrize("change", [{"weight": -0.8}, {"noise": 0.06}])
-def test_a_checker_with_a_mistake_refuses_a_valid_certificate(monkeypatch, certificate, change):
-    usual = checker.numbers_of
-    monkeypatch.setattr(checker, "numbers_of", lambda *arguments: usual(*arguments)._replace(**change))
-    with pytest.raises(DiffbotError, match="not verified"):
-        verify(certificate, threads=1)
 
 
 def test_a_leg_of_the_finish_that_is_faster_is_found(certificate):
