@@ -16,18 +16,14 @@ SOURCES = {1: Source(HEADINGS), 2: Source(LANDMARKS, (1.0, 2.0)), 3: Source(FIXE
 """by the numbers that they measure"""
 
 
-def noted(entries):
-    record = InnovationMonitor()
-    for size, nis, outcome in entries:
-        record.record(SOURCES[size], nis, outcome, Innovation(np.zeros(size), np.eye(size)))
-    return record
-
-
 @pytest.mark.parametrize("sizes", [[1], [3, 1, 2], [3] * 60 + [1] * 20])
 def test_mean_and_bounds_of_the_newest_fifty_are_those_of_chi_square(sizes):
     rng = np.random.default_rng(1)
     values = [rng.chisquare(size) for size in sizes]
-    found = noted(zip(sizes, values, [ACCEPTED] * len(sizes), strict=True)).nis()
+    monitor = InnovationMonitor()
+    for size, nis in zip(sizes, values, strict=True):
+        monitor.record(SOURCES[size], nis, ACCEPTED, Innovation(np.zeros(size), np.eye(size)))
+    found = monitor.nis()
     numbers = sum(sizes[-50:])
     assert found.mean == pytest.approx(sum(values[-50:]) / numbers)
     assert (found.low, found.high) == pytest.approx(tuple(chi2.ppf([0.025, 0.975], numbers) / numbers))

@@ -16,7 +16,6 @@ from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 
-CHECK = settings(max_examples=50)
 MS = 10**6
 PERIOD = 100 * MS
 START = Pose(1.0, 2.0, 3.0)
@@ -120,7 +119,7 @@ EVENTS = st.lists(
 )
 
 
-@CHECK
+@settings(max_examples=50)
 @given(EVENTS)
 def test_in_order_it_is_the_textbooks_filter(events):
     # One odometry is lost: the next bridges it.

@@ -62,7 +62,6 @@ def test_on_the_spot_the_noise_of_a_motion_is_that_of_its_turning():
 
 
 MS = 10**6
-MEAN_NOISE = TwistCovariance(0.01, 0.0, 0.02)
 
 
 def twist_at(time):
@@ -74,7 +73,8 @@ def drive(delay, times, kind=MESSAGE):
     odometry = OdometryConfig(kind, odometry_delay=delay)
     found = Localization(LocalizationConfig(5.0, FilterConfig(filter=EKF, gate_probability=1.0), odometry))
     found.initialise(Pose(0.0, 0.0, 0.0), 1e-6 * np.eye(3), times[0] * MS)
-    return [found.on_odometry(OdometryStep(time * MS, twist_at(time), MEAN_NOISE)) for time in times]
+    noise = TwistCovariance(0.01, 0.0, 0.02)
+    return [found.on_odometry(OdometryStep(time * MS, twist_at(time), noise)) for time in times]
 
 
 def dead_reckoning(delay, times):
