@@ -193,13 +193,12 @@ def refused(found, sample, message):
 
 
 def test_what_is_refused_changes_nothing():
-    found, last = started(), GyroSample(30 * STEP, 0.1, 1e-4)
+    found = started()
     for number in range(1, 31):
-        if number == 30:
-            found.on_gyro(last)
+        found.on_gyro(GyroSample(number * STEP, 0.1, 1e-4))
         found.on_odometry(OdometryStep(number * STEP, Twist(0.5, 0.1), TwistCovariance(1e-4, 0.0, 0.09)))
     before = found.filter.memory
-    refused(found, last, "duplicate")
+    refused(found, GyroSample(30 * STEP, 0.1, 1e-4), "duplicate")
     refused(found, GyroSample(0, 0.1, 1e-4), "too old")
     refused(found, GyroSample(31 * STEP, math.nan, 1e-4), "measurement not finite")
     refused(found, GyroSample(31 * STEP, 0.1, math.inf), "measurement not finite")
