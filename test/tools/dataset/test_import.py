@@ -120,7 +120,7 @@ def test_labyrinth_has_ranges_without_bearing_and_positions_without_heading(tmp_
     number = list(LANDMARKS)[5 % 3]
     assert point.number == 100 + number
     distance = math.dist(LANDMARKS[number], truth_at(time * 1e-9)[:2])
-    assert (point.range, point.var_range) == pytest.approx((distance, 0.01), abs=1e-6)
+    assert (point.range, point.bearing, point.var_range) == pytest.approx((distance, 0.0, 0.01), abs=1e-6)
     assert point.var_bearing == math.inf
     truth = topics["/ground_truth"][0][1]
     assert truth.pose.covariance[35] == 1e6
