@@ -89,19 +89,14 @@ def test_the_path_of_a_file_in_a_parameter(tmp_path, monkeypatch):
             file_path("state_file", text)
 
 
-@pytest.fixture
-def bags(tmp_path):
-    """Make two bags: a finished one, and one whose recorder was killed."""
-    finished, unfinished = tmp_path / "finished", tmp_path / "unfinished"
-    for folder in (finished, unfinished):
+def test_nothing_in_a_bag_is_replaced_whoever_asks(tmp_path):
+    """One bag is finished; the recorder of the other was killed."""
+    bags = tmp_path / "finished", tmp_path / "unfinished"
+    for folder in bags:
         folder.mkdir()
-    (finished / "metadata.yaml").write_text("rosbag2_bagfile_information:\n  version: 9\n")
-    (finished / "one.mcap").write_bytes(MCAP)
-    (unfinished / "unfinished_0.mcap").write_bytes(MCAP)
-    return finished, unfinished
-
-
-def test_nothing_in_a_bag_is_replaced_whoever_asks(tmp_path, bags):
+    (bags[0] / "metadata.yaml").write_text("rosbag2_bagfile_information:\n  version: 9\n")
+    (bags[0] / "one.mcap").write_bytes(MCAP)
+    (bags[1] / "unfinished_0.mcap").write_bytes(MCAP)
     (tmp_path / "lone.mcap").write_bytes(MCAP + b"rest")
     (tmp_path / "link").symlink_to(bags[0])
     os.mkfifo(tmp_path / "pipe")

@@ -29,22 +29,16 @@ def test_rates_are_over_the_time_since_the_last_report():
     assert second["odom sent [Hz]"] == "0.0"
 
 
-def test_ages_are_since_the_last_accepted_message_of_each_topic():
+def test_ages_are_those_of_the_last_accepted_message_and_after_a_reset_all_begins_at_zero():
     health = Health()
     health.accept("odom", 10.0)
     health.accept("fix", 11.0)
     health.accept("odom", 12.5)
-    health.drop("fix", "not finite")
-    assert health.ages(13.0) == {"fix age [s]": "2.00", "odom age [s]": "0.50"}
-    assert (health.accepted["odom"], health.accepted["fix"]) == (2, 1)
-
-
-def test_after_a_reset_counters_and_rates_begin_at_zero():
-    health = Health()
-    health.accept("odom", 10.0)
     health.sent["pose"] += 4
     drops = (("fix", "not finite"), ("fix", "not finite"), ("fix", "too old"), ("odom", "too old"))
     assert [health.drop(*one) for one in drops] == [True, False, True, True], "only the first is worth a line"
+    assert health.ages(13.0) == {"fix age [s]": "2.00", "odom age [s]": "0.50"}
+    assert (health.accepted["odom"], health.accepted["fix"]) == (2, 1)
     health.notes = {"steps": "7"}
     assert list(health.report(1.0).items())[-4:] == [
         ("fix dropped: not finite", "2"), ("fix dropped: too old", "1"), ("odom dropped: too old", "1"), ("steps", "7"),
@@ -52,7 +46,7 @@ def test_after_a_reset_counters_and_rates_begin_at_zero():
     health.notes = {}
     health.reset()
     assert health.report(1.0) == {}
-    assert health.ages(11.0) == {}
+    assert health.ages(14.0) == {}
     health.sent["pose"] += 3
     assert health.report(2.0) == {"pose sent": "3", "pose sent [Hz]": "1.5"}
     assert health.drop("fix", "not finite"), "worth a line again"

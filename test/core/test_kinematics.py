@@ -15,7 +15,6 @@ from diffbot_core.kinematics import (
 )
 
 CHECK = settings(max_examples=100)
-PAPER = WheelGeometry()
 GEOMETRIES = st.builds(WheelGeometry, st.floats(0.01, 1.0), st.floats(0.05, 3.0))
 SPEEDS = st.floats(-100.0, 100.0)
 
@@ -44,7 +43,7 @@ def test_twist_covariance_is_g_diag_g(sigma_left, sigma_right, geometry):
 
 
 def test_a_resting_wheel_still_has_some_noise():
-    var_v, cov, var_omega = encoder_covariance(WheelSpeeds(0.0, 0.0), 0.05, PAPER)
+    var_v, cov, var_omega = encoder_covariance(WheelSpeeds(0.0, 0.0), 0.05, WheelGeometry())
     # sigma = 1e-3 rad/s on each wheel: R^2 sigma^2 / 2 and 2 R^2 sigma^2 / L^2.
     assert var_v == pytest.approx(0.05**2 * 1e-6 / 2.0)
     assert cov == 0.0

@@ -5,9 +5,6 @@ import pytest
 from diffbot_core.kinematics import Twist
 from diffbot_sim.lockstep import MAX_STEPS_WITHOUT_FIX, NO_COMMAND, NO_FILTER, NO_FIX, RESENDS, LockStep
 
-STOP = Twist(0.0, 0.0)
-FAR_AWAY = 10**9
-
 
 def command(number):
     return Twist(float(number), 0.0)
@@ -95,13 +92,13 @@ def test_time_passes_without_odometry_until_the_first_fix():
     assert plant.step == 5  # so many steps a poll
     poll(plant, lockstep)
     assert plant.truths == [0, 1, 2, 3, 4, 5, 6]
-    assert plant.moves == [STOP] * 7
+    assert plant.moves == [Twist(0.0, 0.0)] * 7
     assert plant.sent == [7]
     assert NO_FIX not in plant.reports
 
 
 def test_without_any_fix_the_last_awaited_step_is_sent_and_reported_once():
-    plant = FakePlant(first_fix=FAR_AWAY)
+    plant = FakePlant(first_fix=10**9)
     lockstep = LockStep(plant)
     poll(plant, lockstep, 11 + MAX_STEPS_WITHOUT_FIX // 5)
     assert plant.sent == [MAX_STEPS_WITHOUT_FIX]

@@ -26,7 +26,6 @@ from diffbot_control.filter.gate import (
 )
 from diffbot_control.filter.options import EKF, FNN_CALIBRATING, FilterConfig, options_of
 
-CHECK = settings(max_examples=100)
 BOTH = pytest.mark.parametrize("variant", [EKF, FNN_CALIBRATING])
 
 
@@ -47,7 +46,7 @@ def decided(memory, expected, agrees, config):
 TRIES = st.lists(st.tuples(st.booleans(), st.booleans(), st.floats(0.0, 1.0)), max_size=40)
 
 
-@CHECK
+@settings(max_examples=100)
 @given(TRIES, st.integers(2, 4), st.sampled_from((0.05, 0.5, 2.0)))
 def test_the_memory_of_the_gate_is_what_a_count_of_its_history_says(tries, wanted, timeout):
     config = options(relocation_fixes=wanted, relocation_timeout=timeout)

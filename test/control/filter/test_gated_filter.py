@@ -41,11 +41,6 @@ def signed(rng, low, high, count):
     return rng.choice([-1.0, 1.0], count) * 10.0 ** rng.uniform(low, high, count)
 
 
-def nearly_singular(rng, size):
-    """Return a covariance whose smallest deviation is a ten-thousandth of the largest."""
-    return covariance(rng, size, 1e-4, 1.0)
-
-
 def event(rng, kind):
     """A motion or a measurement with numbers of very different sizes."""
     if kind == "drive":
@@ -62,7 +57,8 @@ def event(rng, kind):
             tuple(signed(rng, -3, 2, 2)),
         )
     if kind == "singular":
-        return build_measurement(0, np.array([*signed(rng, -3, 0, 2), angle]), nearly_singular(rng, 3))
+        # The smallest deviation is a ten-thousandth of the largest.
+        return build_measurement(0, np.array([*signed(rng, -3, 0, 2), angle]), covariance(rng, 3, 1e-4, 1.0))
     size = 7 if kind == "huge" else 2
     R = covariance(rng, 3, 1e-2, 10.0)
     return build_measurement(0, np.array([*signed(rng, -3, size, 2), angle]), R)

@@ -1,18 +1,16 @@
-"""A gyro beside the wheels: against a joint filter with the noise as states, in any order, biased, and with slip."""
+"""A gyro beside the wheels: against a joint filter with the noise as states, biased, and with slip."""
 
 import math
 from itertools import count
 
 import numpy as np
 import pytest
-from filter_runs import R_FIX, SEPARATION, build_motion, covariance, gated_filter, heading, jacobian, wrapped
-from filter_runs import Robot as Drive
+from filter_runs import R_FIX, SEPARATION, build_motion, covariance, gated_filter, heading, jacobian
 
 from diffbot_control.filter.gate import RELOCATED
 from diffbot_control.filter.gyro import GyroSample
 from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.localization_config import LocalizationConfig
-from diffbot_control.filter.measurements import PoseFix
 from diffbot_control.filter.measurements.gyro import GyroRate
 from diffbot_control.filter.models import TurnRate
 from diffbot_control.filter.odometry import OdometryStep
@@ -70,64 +68,10 @@ def test_it_is_the_joint_filter_with_the_errors_of_the_twist_as_states(seed):
     np.testing.assert_allclose(found.memory.belief.P, F @ whole @ F.T, atol=2e-8 * np.abs(P).max() + 1e-10)
 
 
-def localization(**options):
-    return Localization(LocalizationConfig(filter=FilterConfig(use_gyro=True, **options)), SEPARATION)
-
-
-class Recorded:
-    """A drive with fixes each second and a gyro at 20 Hz, two samples a step."""
-
-    def __init__(self, seed, steps=300):
-        rng, drive = np.random.default_rng(seed), Drive(np.random.default_rng(seed + 100))
-        self.truths, self.steps, self.fixes, self.samples = [], [], [], []
-        for step in range(1, steps + 1):
-            before = drive.truth
-            wanted = 0.5 + 0.3 * math.sin(0.03 * step), 0.5 * math.sin(0.05 * step) + 0.01
-            motion = drive.move(*wanted)
-            self.truths.append(drive.truth)
-            self.steps.append(OdometryStep(step * STEP, motion.twist, motion.covariance))
-            omega = wrapped(drive.truth[2] - before[2]) / 0.1
-            for part in (1, 2):
-                stamp = (step - 1) * STEP + part * STEP // 2
-                self.samples.append(GyroSample(stamp, omega + BIAS + rng.normal(0.0, SIGMA), SIGMA**2))
-            if step % 10 == 0:
-                z = drive.truth + np.sqrt(R_FIX.diagonal()) * rng.normal(size=3)
-                self.fixes.append(PoseFix(step * STEP, Pose(z[0], z[1], wrapped(z[2])), R_FIX))
-
-    def play(self, found, gyro=True):
-        """Return the errors (n, 3) and NEES of the second half."""
-        found.initialise(Pose(0.0, 0.0, 0.0), R_FIX, 0)
-        samples, fixes, errors, nees = iter(self.samples), iter(self.fixes), [], []
-        for step, truth, number in zip(self.steps, self.truths, count(1), strict=False):
-            if gyro:
-                found.on_gyro(next(samples))
-                found.on_gyro(next(samples))
-            if number % 10 == 0:
-                found.on_measurement(next(fixes))
-            estimate = found.on_odometry(step)
-            error = np.array(estimate.pose) - truth
-            error[2] = wrapped(error[2])
-            errors.append(error)
-            nees.append(error @ np.linalg.solve(estimate.P, error))
-        half = len(errors) // 2
-        return np.array(errors[half:]), np.array(nees[half:])
-
-
-@pytest.mark.study
-def test_it_halves_the_error_of_the_heading_finds_its_bias_and_stays_consistent():
-    with_gyro, without, nees, biases = [], [], [], []
-    for seed in range(3):
-        drive, found = Recorded(seed, steps=1000), localization()
-        errors, squares = drive.play(found)
-        with_gyro.append(errors[:, 2])
-        nees.append(squares.mean())
-        bias = found.filter.gyro_bias()
-        biases.append((bias.errors.item() - BIAS) / math.sqrt(bias.P.item()))
-        plain = Localization(LocalizationConfig(), SEPARATION)
-        without.append(drive.play(plain, gyro=False)[0][:, 2])
-    assert np.std(with_gyro) < 0.5 * np.std(without)
-    assert 1.5 < np.mean(nees) < 4.5
-    assert np.abs(biases).max() < 3.5
+def started(use_gyro=True, **options):
+    found = Localization(LocalizationConfig(filter=FilterConfig(use_gyro=use_gyro)), SEPARATION, **options)
+    found.initialise(Pose(0.0, 0.0, 0.0), R_FIX, 0)
+    return found
 
 
 def test_a_gyro_that_agrees_does_not_hide_that_headings_contradict_the_pose():
@@ -223,14 +167,11 @@ def test_what_no_slip_explains_is_none():
 
 
 def test_without_the_option_a_turn_rate_is_refused():
-    found = Localization(LocalizationConfig(), SEPARATION)
-    found.initialise(Pose(0.0, 0.0, 0.0), R_FIX, 0)
-    refused(found, GyroSample(STEP, 0.1, 1e-4), "not used")
+    refused(started(use_gyro=False), GyroSample(STEP, 0.1, 1e-4), "not used")
 
 
 def test_the_twist_has_the_turn_rate_of_the_gyro():
-    found = localization()
-    found.initialise(Pose(0.0, 0.0, 0.0), R_FIX, 0)
+    found = started()
     wheels = OdometryStep(STEP, Twist(0.5, 0.1), TwistCovariance(1e-4, 0.0, 0.09))
     found.on_gyro(GyroSample(STEP, 0.4, 0.01))
     found.on_odometry(wheels)
@@ -252,11 +193,12 @@ def refused(found, sample, message):
 
 
 def test_what_is_refused_changes_nothing():
-    found, drive = localization(), Recorded(1, steps=30)
-    refused(found, GyroSample(STEP, 0.1, 1e-4), "no odometry yet")
-    drive.play(found)
+    found = started()
+    for number in range(1, 31):
+        found.on_gyro(GyroSample(number * STEP, 0.1, 1e-4))
+        found.on_odometry(OdometryStep(number * STEP, Twist(0.5, 0.1), TwistCovariance(1e-4, 0.0, 0.09)))
     before = found.filter.memory
-    refused(found, drive.samples[-1], "duplicate")
+    refused(found, GyroSample(30 * STEP, 0.1, 1e-4), "duplicate")
     refused(found, GyroSample(0, 0.1, 1e-4), "too old")
     refused(found, GyroSample(31 * STEP, math.nan, 1e-4), "measurement not finite")
     refused(found, GyroSample(31 * STEP, 0.1, math.inf), "measurement not finite")
@@ -269,9 +211,7 @@ def test_what_is_refused_changes_nothing():
 
 
 def test_a_gap_in_the_odometry_is_turned_through_by_the_gyro():
-    found = Localization(LocalizationConfig(filter=FilterConfig(use_gyro=True)), SEPARATION, max_extrapolation=0.1)
-    found.initialise(Pose(0.0, 0.0, 0.0), R_FIX, 0)
-    certain = TwistCovariance(1e-6, 0.0, 1e-6)
+    found, certain = started(max_extrapolation=0.1), TwistCovariance(1e-6, 0.0, 1e-6)
     found.on_odometry(OdometryStep(STEP, Twist(0.0, 1.0), certain))
     for number in range(2, 12):
         found.on_gyro(GyroSample(number * STEP, 1.0, SIGMA**2))

@@ -29,34 +29,6 @@ def covariance_after(twist, rate, seconds, odometry, covariance=UNKNOWN, variant
     return localization.estimate().P
 
 
-def densities(twist):
-    """Variances per second along, across and of the heading, written anew from their meaning."""
-    v, omega = abs(twist.v), abs(twist.omega)
-    return 0.03 * v + 0.005 * omega + 1e-3, 1e-3, 0.02 * omega + 0.004 * v + 2e-4
-
-
-@pytest.mark.parametrize("twist", [Twist(-0.5, 0.4), Twist(0.0, -1.2), Twist(0.0, 0.0)])
-def test_the_noise_of_a_motion_is_that_of_many_random_walks(twist):
-    """Robots whose velocities have white noise, in steps of 10 ms."""
-    along, across, heading = densities(twist)
-    rng, count, dt = np.random.default_rng(5), 20_000, 1e-2
-    x, y, theta = np.zeros(count), np.zeros(count), np.full(count, 0.3)
-    for _ in range(200):
-        forward, sideways, turn = (
-            rng.normal(0.0, math.sqrt(density * dt), count) for density in (along, across, heading)
-        )
-        middle = theta + 0.5 * (twist.omega * dt + turn)
-        x += (twist.v * dt + forward) * np.cos(middle) - sideways * np.sin(middle)
-        y += (twist.v * dt + forward) * np.sin(middle) + sideways * np.cos(middle)
-        theta += twist.omega * dt + turn
-    expected = np.cov(np.array([x, y, theta]))
-    found = covariance_after(twist, 10.0, 2.0, NOISE)
-    deviations = np.sqrt(np.diag(expected))
-    np.testing.assert_allclose(
-        found / np.outer(deviations, deviations), expected / np.outer(deviations, deviations), atol=0.04
-    )
-
-
 @pytest.mark.parametrize(("kind", "covariance"), [(MOTION, UNKNOWN), (DENSITY, TwistCovariance(0.02, 0.001, 0.03))])
 @pytest.mark.parametrize("variant", [EKF, FNN])
 def test_the_rate_of_the_messages_does_not_change_it(kind, covariance, variant):
@@ -67,18 +39,29 @@ def test_the_rate_of_the_messages_does_not_change_it(kind, covariance, variant):
         np.testing.assert_allclose(found, reference, rtol=0.01, atol=1e-4)
 
 
-def test_a_density_is_the_variance_per_second():
-    noise = OdometryConfig(DENSITY)
-    P = covariance_after(Twist(0.8, 0.0), 20.0, 4.0, noise, TwistCovariance(0.02, 0.0, 0.03))
+@pytest.mark.parametrize(
+    ("v", "odometry", "densities"),
+    [
+        (0.8, OdometryConfig(DENSITY), (0.02, 0.0, 0.03)),
+        # From the meaning of NOISE: 0.03 |v| + 1e-3 along, 1e-3 across, 0.004 |v| + 2e-4 of the heading.
+        (-0.5, NOISE, (0.016, 1e-3, 2.2e-3)),
+    ],
+)
+def test_a_density_is_the_variance_per_second(v, odometry, densities):
+    P = covariance_after(Twist(v, 0.0), 20.0, 4.0, odometry, TwistCovariance(0.02, 0.0, 0.03))
     turned = np.array([[math.cos(0.3), math.sin(0.3)], [-math.sin(0.3), math.cos(0.3)]])
-    along, across = np.diag(turned @ P[:2, :2] @ turned.T)
-    assert along == pytest.approx(0.02 * 4.0, rel=1e-9)
-    assert across == pytest.approx(0.8**2 * 0.03 * 4.0**3 / 3.0, rel=1e-9)
-    assert P[2, 2] == pytest.approx(0.03 * 4.0, rel=1e-9)
+    along, across, heading = (4.0 * density for density in densities)
+    found = *np.diag(turned @ P[:2, :2] @ turned.T), P[2, 2]
+    assert found == pytest.approx((along, across + v**2 * heading * 4.0**2 / 3.0, heading), rel=1e-9)
+
+
+def test_on_the_spot_the_noise_of_a_motion_is_that_of_its_turning():
+    P = covariance_after(Twist(0.0, -1.2), 10.0, 2.0, NOISE)
+    # 0.005 |omega| + 1e-3 along and 1e-3 across, whose sum no turn changes; 0.02 |omega| + 2e-4 of the heading.
+    assert (np.trace(P[:2, :2]), P[2, 2]) == pytest.approx((2.0 * 0.008, 2.0 * 0.0242), rel=1e-9)
 
 
 MS = 10**6
-MEAN_NOISE = TwistCovariance(0.01, 0.0, 0.02)
 
 
 def twist_at(time):
@@ -86,17 +69,12 @@ def twist_at(time):
     return Twist(0.4 + 0.2 * math.sin(time / 700.0), 0.8 * math.cos(time / 400.0))
 
 
-def drive(delay, times, kind=MESSAGE, measurements=()):
+def drive(delay, times, kind=MESSAGE):
     odometry = OdometryConfig(kind, odometry_delay=delay)
     found = Localization(LocalizationConfig(5.0, FilterConfig(filter=EKF, gate_probability=1.0), odometry))
     found.initialise(Pose(0.0, 0.0, 0.0), 1e-6 * np.eye(3), times[0] * MS)
-    rows = []
-    for time in times:
-        rows.append(found.on_odometry(OdometryStep(time * MS, twist_at(time), MEAN_NOISE)))
-        for measurement in measurements:
-            if measurement.stamp == time * MS:
-                found.on_measurement(measurement)
-    return found, rows
+    noise = TwistCovariance(0.01, 0.0, 0.02)
+    return [found.on_odometry(OdometryStep(time * MS, twist_at(time), noise)) for time in times]
 
 
 def dead_reckoning(delay, times):
@@ -117,7 +95,7 @@ def dead_reckoning(delay, times):
 @pytest.mark.parametrize(("delay", "kind"), [(0, MESSAGE), (30, MOTION), (250, MESSAGE)])
 def test_the_twist_acts_later_by_the_delay(delay, kind):
     times = [0, 100, 200, 310, 400, 480, 600, *range(700, 3000, 100)]
-    _, rows = drive(delay * 1e-3, times, kind)
+    rows = drive(delay * 1e-3, times, kind)
     assert [row.stamp for row in rows] == [time * MS for time in times]
     expected = dead_reckoning(delay, times)
     found = np.array([row.pose for row in rows])
@@ -128,18 +106,16 @@ def test_the_twist_acts_later_by_the_delay(delay, kind):
 def test_the_noise_of_a_message_is_parted_among_its_pieces():
     """With errors independent from message to message: var_theta is the sum of var_omega dt^2 over the messages."""
     times = list(range(0, 3000, 100))
-    _, rows = drive(0.25, times)
+    rows = drive(0.25, times)
     # 0.25 s are covered by the first message, which is only 0.1 s long; then whole messages and the half of one.
     whole = 0.02 * 0.1**2
     assert rows[-1].P[2, 2] - 1e-6 == pytest.approx(whole * 29.0, rel=1e-9)
 
 
-def after_a_gap(seconds, fixes=(), max_extrapolation=1.0, variant=EKF):
+def after_a_gap(seconds, fixes=()):
     """A robot that drove with (0.5, 0.2) until 1 s; its odometry comes again ``seconds`` later with (0.4, 0.1)."""
-    made = Localization(
-        LocalizationConfig(60.0, FilterConfig(filter=variant), OdometryConfig(MESSAGE)),
-        max_extrapolation=max_extrapolation,
-    )
+    config = LocalizationConfig(60.0, FilterConfig(filter=EKF), OdometryConfig(MESSAGE))
+    made = Localization(config, max_extrapolation=1.0)
     made.initialise(Pose(0.0, 0.0, 0.0), np.diag([1e-4, 1e-4, 1e-4]), 0)
     small = TwistCovariance(1e-8, 0.0, 1e-8)
     made.on_odometry(OdometryStep(10**9, Twist(0.5, 0.2), small))

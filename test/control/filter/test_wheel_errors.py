@@ -46,9 +46,6 @@ def test_an_error_beyond_five_deviations_resets_all_three(index):
     np.testing.assert_allclose(found.wheels().P, 0.01 * np.eye(3))
 
 
-RADIUS_SIGMA, SEPARATION_SIGMA = 0.05, 0.1
-
-
 def posterior(prior, P, H, z, R):
     """Return mean, covariance and the density of all measurements ``z`` at once."""
     S = H @ P @ H.T + R
@@ -84,15 +81,11 @@ def test_it_is_the_mixture_of_both_posteriors_by_their_evidence(first, deviation
 
 def test_wheels_and_landmarks_have_hypotheses_of_their_own():
     rng = np.random.default_rng(0)
-    config = FilterConfig(
-        wheel_radius_sigma=RADIUS_SIGMA,
-        wheel_separation_sigma=SEPARATION_SIGMA,
-        left_radius_error=0.01,
-        wheels_as_configured=0.3,
-    )
+    sigmas = {"wheel_radius_sigma": 0.05, "wheel_separation_sigma": 0.1}
+    config = FilterConfig(left_radius_error=0.01, wheels_as_configured=0.3, **sigmas)
     options = options_of(config, landmarks=True)
     x, P = rng.normal(0.0, 1e-3, 9), covariance(rng, 9, 1e-3, 1e-2)
-    wheels = average_over(x, P, 3, (0.01, 0.0, 0.0), (RADIUS_SIGMA**2, RADIUS_SIGMA**2, SEPARATION_SIGMA**2), 0.3)
+    wheels = average_over(x, P, 3, (0.01, 0.0, 0.0), (0.05**2, 0.05**2, 0.1**2), 0.3)
     both = average_over(*wheels, 6, (0.0, 0.0, 0.0), (0.05**2, 0.01**2, 0.01**2), 0.5)
     for found, expected in zip(average(x, P, 3, 6, options), both, strict=True):
         np.testing.assert_allclose(found, expected, rtol=1e-12)

@@ -1,8 +1,5 @@
 """Laws by name and by place; what is refused, and why."""
 
-import sys
-import textwrap
-
 import pytest
 
 from diffbot_control.goals.registry import resolve_law
@@ -25,22 +22,6 @@ class Law:
 """
 
 
-@pytest.fixture
-def module(tmp_path, monkeypatch):
-    """Return a function that writes a module and resolves its Law."""
-    monkeypatch.syspath_prepend(tmp_path)
-    names = []
-
-    def resolve(text, attribute="Law"):
-        names.append(f"brought_along_{len(names)}")
-        (tmp_path / f"{names[-1]}.py").write_text(textwrap.dedent(text))
-        return resolve_law(f"{names[-1]}:{attribute}")
-
-    yield resolve
-    for name in names:
-        sys.modules.pop(name, None)
-
-
 @pytest.mark.parametrize("text", ["", "a.b:", ":Law"])
 def test_what_is_no_place_names_the_registered_laws(text):
     with pytest.raises(InvalidValueError, match=r"package\.module:Class or one of aicardi, .*switching$"):
@@ -59,9 +40,12 @@ def test_what_is_no_place_names_the_registered_laws(text):
         ("from typing", "from typing (", "SyntaxError"),
     ],
 )
-def test_a_law_that_lacks_something_is_refused_in_one_line(module, old, new, reason):
+def test_a_law_that_lacks_something_is_refused_in_one_line(old, new, reason, tmp_path, monkeypatch):
     assert old in GOOD
-    with pytest.raises(InvalidValueError, match=r"^law = 'brought_along_0:Law': must be ") as refused:
-        module(GOOD.replace(old, new))
+    monkeypatch.syspath_prepend(tmp_path)
+    # A name of its own: modules that were imported once are not read again.
+    (tmp_path / f"{tmp_path.name}.py").write_text(GOOD.replace(old, new))
+    with pytest.raises(InvalidValueError, match=rf"^law = '{tmp_path.name}:Law': must be ") as refused:
+        resolve_law(f"{tmp_path.name}:Law")
     assert reason in str(refused.value)
     assert "\n" not in str(refused.value)

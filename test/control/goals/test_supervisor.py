@@ -71,9 +71,8 @@ def reach(story):
     """Drive a story with settling_steps = 2 to its goal."""
     story.pose(AT_GOAL)
     assert story.state == DRIVING
-    command = story.pose(AT_GOAL)
+    story.pose(AT_GOAL)
     assert story.state == REACHED
-    return command
 
 
 @pytest.mark.parametrize("stateful", [True, False])
@@ -166,10 +165,7 @@ def test_a_tolerance_below_the_uncertainty_is_reported_at_rest_only(uncertainty)
         assert story.state == UNCERTAIN
     assert story.supervisor.goals_reached == 0
     # Known better, it is reached after the two poses that it takes.
-    story.pose(AT_GOAL)
-    assert story.state == DRIVING
-    story.pose(AT_GOAL)
-    assert story.state == REACHED
+    reach(story)
     # A reached goal stays reached.
     story.pose(AT_GOAL, uncertainty=uncertainty)
     assert story.state == REACHED
@@ -330,8 +326,7 @@ def test_waypoints_within_the_radius_are_passed_and_the_last_one_is_reached():
 
 
 def test_a_goal_that_takes_too_long_is_given_up_with_the_reason_and_braking():
-    config = PAPER._replace(data_sheet=PAPER_DATA_SHEET._replace(a_max=1.0))
-    story = driving(controller=config, goal_timeout=2.0)
+    story = driving(controller=SLOW_DOWN, goal_timeout=2.0)
     for _ in range(20):
         story.pose(FAR)
         assert story.state == DRIVING
@@ -397,9 +392,9 @@ def test_a_goal_has_a_finite_time_from_its_acceptance_on_that_grows_with_the_rou
     assert blind.supervisor.timeout == pytest.approx(far.supervisor.timeout)
 
 
-def seconds_until_given_up(story, pose_at, uncertainty=CERTAIN, limit=1000.0):
+def seconds_until_given_up(story, pose_at, uncertainty=CERTAIN):
     began = story.now
-    while story.state != NOT_AT_GOAL and story.now < began + limit:
+    while story.state != NOT_AT_GOAL and story.now < began + 1000.0:
         story.pose(pose_at(story.now - began), uncertainty=uncertainty)
     return story.now - began
 

@@ -13,13 +13,8 @@ from diffbot_control.law.regions import OMEGA_G, OMEGA_L, Switching
 from diffbot_core.geometry import Pose
 from diffbot_core.uncertainty import Estimate, Uncertainty
 
-INF = math.inf
 TUNED = PRESETS["tuned"]
-
-
 STARTS = [(-4.0, 3.0, 2.0), (2.0, -5.0, -1.0), (0.5, 0.6, 3.0), (-8.0, 0.0, 0.0), (3.0, 0.2, 0.1), (-0.3, 0.4, -2.0)]
-
-
 FORWARD = TUNED._replace(driving=TUNED.driving._replace(allow_backward=False))
 
 
@@ -45,7 +40,7 @@ def test_a_robot_whose_data_sheet_is_known_arrives_without_spinning(latency, lag
 
 
 @pytest.mark.parametrize("angle", [1.5, 3.1, -3.0])
-@pytest.mark.parametrize(("latency", "omega_dot"), [(0.3, INF), (0.0, 1.5), (0.3, 0.5)])
+@pytest.mark.parametrize(("latency", "omega_dot"), [(0.3, math.inf), (0.0, 1.5), (0.3, 0.5)])
 def test_a_turn_on_the_spot_does_not_overshoot(angle, latency, omega_dot):
     sheet = TUNED.data_sheet._replace(command_latency=latency, omega_dot_max=omega_dot)
     run = Run((0.0, 0.0, angle), TUNED._replace(data_sheet=sheet), 200, latency)
@@ -74,9 +69,9 @@ def test_either_heading_will_do_with_symmetric_yaw_tolerance(start):
     assert abs(run.reports[-1].theta) < 0.01
 
 
-def after_poses(laterals, sigma, config=TUNED, memory=None):
+def after_poses(laterals, sigma, config):
     """Stand beside the goal at each of these lateral errors in turn; return the controller's memory."""
-    memory = memory or new_memory()._replace(switching=Switching(OMEGA_L))
+    memory = new_memory()._replace(switching=Switching(OMEGA_L))
     for lateral in laterals:
         estimate = Estimate(Pose(0.0, lateral, 0.0), Uncertainty(sigma, 0.005))
         memory, _, _ = controller.step(memory, estimate, ORIGIN, T_S, config)

@@ -22,20 +22,11 @@ WAIT, SPEED = TUNED.finish.finish_wait, TUNED.finish.finish_speed
 NEAR = new_memory()._replace(switching=Switching(OMEGA_L))
 REACHED = NEAR._replace(settling=NEAR.settling._replace(reached=True), reached=True)
 FORWARD = TUNED._replace(driving=TUNED.driving._replace(allow_backward=False))
-KNOWN = Uncertainty(0.012, 0.012)
-
-
-def with_tolerance(tolerance):
-    return TUNED._replace(tolerance=TUNED.tolerance._replace(xy_goal_tolerance=tolerance))
 
 
 def answered_after(run):
     """Time [s] of the first pose at which the goal counts as reached; inf: none."""
     return next((T_S * index for index, memory in enumerate(run.memories) if memory.reached), math.inf)
-
-
-def kinds(run):
-    return {memory.finish.kind for memory in run.memories}
 
 
 def regions(run):
@@ -44,7 +35,7 @@ def regions(run):
 
 @pytest.mark.parametrize(("tolerance", "share"), [(0.03, -0.9), (0.1, 0.99), (0.3, 0.7)])
 def test_legs_to_and_fro_work_off_an_error_inside_both_tolerances(tolerance, share):
-    config = with_tolerance(tolerance)
+    config = TUNED._replace(tolerance=TUNED.tolerance._replace(xy_goal_tolerance=tolerance))
     run = Run((0.0, share * tolerance, 0.0), config, 700, memory=NEAR)
     assert abs(run.end.y) < config.finish.finish_begin * tolerance
     assert abs(run.end.x) < 0.01 * tolerance + 0.001
@@ -54,7 +45,7 @@ def test_legs_to_and_fro_work_off_an_error_inside_both_tolerances(tolerance, sha
     legs = [command for command, memory in zip(run.commands, run.memories, strict=True) if memory.finish.kind]
     assert max(abs(command.v) for command in legs) <= SPEED + 1e-12
     assert regions(run) == {OMEGA_L}
-    assert kinds(run) == {0, TO_AND_FRO}
+    assert {memory.finish.kind for memory in run.memories} == {0, TO_AND_FRO}
     assert answered_after(run) == pytest.approx((config.tolerance.settling_steps - 1) * T_S)
 
 
@@ -119,7 +110,7 @@ def test_legs_that_correct_nothing_end_and_the_robot_rests_again():
     """The estimate of y stays what it is whatever the robot does."""
     robot, memory, legs, rested = Robot((0.0, 0.0, 0.0)), NEAR, [], 0
     for _ in range(600):
-        estimate = Estimate(robot.pose._replace(y=0.08), KNOWN)
+        estimate = Estimate(robot.pose._replace(y=0.08), Uncertainty(0.012, 0.012))
         memory, command, _ = controller.step(memory, estimate, ORIGIN, T_S, TUNED)
         robot.drive(command)
         legs.append(memory.finish.legs)

@@ -16,7 +16,6 @@ from diffbot_core.kinematics import Twist, WheelGeometry, wheel_speeds
 from diffbot_core.uncertainty import Estimate, Uncertainty
 
 CHECK = settings(max_examples=150)
-WHEELS = WheelGeometry(0.05, 0.6)
 FREE = DataSheet(math.inf, math.inf, math.inf, math.inf, math.inf)
 TWISTS = st.builds(Twist, st.floats(-5.0, 5.0), st.floats(-5.0, 5.0))
 BOUNDS = st.floats(0.01, 6.0) | st.just(math.inf)
@@ -31,7 +30,7 @@ SLACK = 1.0 + 1e-12
 
 def used(command, limits):
     """Return how much of each velocity bound a command takes up: at most 1 is allowed."""
-    fastest = max(abs(speed) for speed in wheel_speeds(command, WHEELS))
+    fastest = max(abs(speed) for speed in wheel_speeds(command, WheelGeometry(0.05, 0.6)))
     return max(abs(command.v) / limits.v_max, abs(command.omega) / limits.omega_max, fastest / limits.wheel_max)
 
 

@@ -14,7 +14,6 @@ from diffbot_control.law.polar_coordinates import Navigation
 from diffbot_control.law.presets import PRESETS
 from diffbot_core.data_sheet import PAPER_DATA_SHEET
 
-CHECK = settings(max_examples=100)
 PAPER = PRESETS["paper"]
 TUNED = PRESETS["tuned"]
 FAST = PAPER._replace(gains=Gains())
@@ -48,7 +47,7 @@ def near_the_goal(gains):
     return np.column_stack(columns), np.array([[-v / rho]]), np.array([[omega / small]])
 
 
-@CHECK
+@settings(max_examples=100)
 @given(GAINS, st.floats(0.001, 3.0))
 def test_the_warning_comes_exactly_when_an_eigenvalue_of_a_step_is_not_inside_the_circle(gains, t_s):
     sizes = [np.abs(np.linalg.eigvals(np.eye(len(A)) + t_s * A)).max() for A in near_the_goal(gains)]

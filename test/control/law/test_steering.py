@@ -13,8 +13,6 @@ from diffbot_control.law.speed_profile import (
     ProfileGains,
     approach_speed,
     auto_gains,
-    braking,
-    signed_braking,
     vagueness_of,
 )
 from diffbot_control.law.steering import BACK, FRONT, Course, chosen_course, drive_and_hold, drive_and_steer
@@ -109,15 +107,6 @@ def test_the_sign_of_zero_does_not_turn_the_bearing(zero):
     assert navigation_variables(Pose(-0.0, zero, 0.3)) == (0.0, -0.3, 0.0)
     # atan2 itself gives -pi straight behind; the interval is (-pi, pi].
     assert navigation_variables(Pose(2.0, zero, 0.0))[1:] == (math.pi, math.pi)
-
-
-@CHECK
-@given(st.floats(-10.0, 10.0), st.floats(0.01, 100.0), st.floats(0.01, 10.0), st.floats(0.1, 5.0))
-def test_the_signed_profile_is_odd_and_bounded(error, brake, react, largest):
-    found = signed_braking(error, brake, react, largest)
-    assert abs(found) == min(largest, braking(abs(error), brake, react))
-    assert found * error >= 0.0
-    assert signed_braking(-error, brake, react, largest) == -found
 
 
 def test_a_position_that_is_not_known_well_is_approached_with_a_longer_reaction():

@@ -15,7 +15,6 @@ from diffbot_core.errors import BadMessageError
 
 KINDS = pytest.mark.parametrize("kind", [PoseWithCovarianceStamped, Odometry], ids=lambda kind: kind.__name__)
 P = np.array([[0.04, 0.03, 0.001], [0.03, 0.09, -0.002], [0.001, -0.002, 0.0025]])
-PLANAR = np.ix_([0, 1, 5], [0, 1, 5])
 
 
 def estimate(kind, covariance=P, roll_pitch_yaw=(0.0, 0.0, -2.5)):
@@ -28,7 +27,7 @@ def estimate(kind, covariance=P, roll_pitch_yaw=(0.0, 0.0, -2.5)):
     q = message.pose.pose.orientation
     q.x, q.y, q.z, q.w = Rotation.from_euler("xyz", roll_pitch_yaw).as_quat().tolist()
     full = np.diag([0.0, 0.0, 7.0, 8.0, 9.0, 0.0])
-    full[PLANAR] = covariance
+    full[np.ix_([0, 1, 5], [0, 1, 5])] = covariance
     message.pose.covariance = full.reshape(36)
     return message
 

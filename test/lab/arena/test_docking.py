@@ -102,9 +102,7 @@ def test_the_cases_differ_in_what_they_say():
     assert set(changed) | {"docking"} == set(cases)
     for name, holds in changed.items():
         assert [other for other, case in cases.items() if holds(case)] == [name]
-    assert base.sensors.fix_rate == 0.0
-    assert (base.sensors.detector.detection_rate, base.sensors.detector.detection_dropout) == (10.0, 0.2)
-    assert base.plant.actuators.command_delay == base.controller.data_sheet.command_latency == 0.1
+    assert base.plant.actuators.command_delay == base.controller.data_sheet.command_latency
     for law in study.LAWS.values():
         assert study.case_of(study.CASES[0], law).controller.data_sheet == base.controller.data_sheet
 

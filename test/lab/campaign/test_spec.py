@@ -80,7 +80,6 @@ def test_identity_and_resolved_values_name_all_that_decides():
 
 REFUSED = {
     "unknown key": ("rnus: 5", "did you mean runs"),
-    "unknown parameter in set": ("set: {kk: 5}", "kk = 5"),
     "replaced parameter in set": (
         "set: {follow_covariance: true}",
         "follow_covariance = True: was replaced by region_policy (fixed or covariance)",
@@ -91,7 +90,6 @@ REFUSED = {
     "nan in grid": ("grid: {k: [1.0, .nan]}", "k = nan"),
     "short goal": ("goal: [0, 1]", "goal = (0.0, 1.0)"),
     "feedback that is no text": ("feedback: [ekf]", "feedback = ['ekf']"),
-    "hysteresis turned round": ("set: {eps_P: 0.9}", "eps_P_leave = 0.6"),
     "delay": ("set: {fix_delay: 1.2}", "fix_delay = 1.2"),
     "two starts": ("start: {list: [[0, 0, 0]], box: {}}", "start = {"),
     "start beyond all floats": (f"start: {{list: [[0, 0, 1{'0' * 400}]]}}", "a number of too many digits"),
@@ -102,13 +100,8 @@ REFUSED = {
     "no mapping": ("- 1\n- 2", "must be a mapping of keys, found list"),
     "a mapping as a key": ("{{a: 1}: 2}", "is not a YAML file"),
     "a number of 4000 bits": (f"runs: 0x{'f' * 1000}", "too many digits"),
-    "a number of 250 bits": (
-        f"runs: 0x{'f' * 62}",
-        "runs = 452312848583266388373324160190187140051835877600158453279131187530910662655",
-    ),
     "a key twice": ("runs: 5\nruns: 6", "'runs'"),
     "of another profile": ("set: {h: 0.2}", "set.h = 0.2: must be left out, it acts only with speed_profile: tanh"),
-    "of another preset": ("set: {preset: paper, react: 0.2}", "set.react = 0.2: must be left out"),
     "without effect in a grid": ("grid: {eps_P: [0.2, 0.3]}", "grid.eps_P"),
     "bias of no gyro": ("set: {gyro_bias: 0.1}", "gyro_rate > 0"),
     "fixes for the true pose": ("feedback: truth\nset: {fix_rate: 1.0}", "feedback: ekf or raw"),

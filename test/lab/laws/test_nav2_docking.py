@@ -19,7 +19,6 @@ from diffbot_lab.laws.nav2_docking import (
     next_docker,
 )
 
-DOCK = Pose(0.0, 0.0, 0.0)
 DEFAULTS = Nav2DockingConfig()
 
 
@@ -46,9 +45,9 @@ def test_the_approach_is_the_graceful_law_with_the_gains_of_the_docking_server(p
 
 def driven(start, config, steps=400, dt=0.05):
     """Drive a unicycle by the law; return poses, commands and phases."""
-    robot, memory, found = Robot(start), Nav2Docking.new_memory(config), []
+    robot, memory, found, dock = Robot(start), Nav2Docking.new_memory(config), [], Pose(0.0, 0.0, 0.0)
     for index in range(steps):
-        memory, command, _ = Nav2Docking.step(memory, Estimate(robot.pose, CERTAIN), DOCK, dt if index else 0.0, config)
+        memory, command, _ = Nav2Docking.step(memory, Estimate(robot.pose, CERTAIN), dock, dt if index else 0.0, config)
         found.append((robot.pose, command, memory.state.phase))
         robot.drive(command, dt)
     return found

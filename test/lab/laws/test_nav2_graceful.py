@@ -14,16 +14,12 @@ RECORDED = json.loads(Path(__file__).with_name("nav2_graceful.json").read_text()
 ORIGIN = Pose(0.0, 0.0, 0.0)
 
 
-def config_of(parameters):
-    values = {("lambda_" if name == "lambda" else name): value for name, value in parameters.items()}
-    stop = Nav2GracefulConfig().stop._replace(stop_distance=values.pop("stop_distance"))
-    return Nav2GracefulConfig(**values, stop=stop)
-
-
 @pytest.mark.parametrize("drive", RECORDED["drives"], ids=range(len(RECORDED["drives"])))
 def test_each_command_is_that_of_the_compiled_controller(drive):
     """Nav2 keeps distances and angles in single precision."""
-    config, plan = config_of(drive["parameters"]), None
+    values = {("lambda_" if name == "lambda" else name): value for name, value in drive["parameters"].items()}
+    stop = Nav2GracefulConfig().stop._replace(stop_distance=values.pop("stop_distance"))
+    config, plan = Nav2GracefulConfig(**values, stop=stop), None
     for number, (x, y, theta, v, omega) in enumerate(drive["steps"]):
         if number % RECORDED["steps_of_a_plan"] == 0:
             plan = new_drive(x, y, 0.0)

@@ -29,11 +29,6 @@ def groups():
     return {name: run_experiment(name, 12, 1) for name in ("a", "b")}
 
 
-@pytest.fixture(scope="module")
-def results(groups):
-    return {name: summarise(name, 12, 1, groups[name]) for name in groups}
-
-
 def of(groups, label, setting):
     (found,) = [one for one in groups if one.label == label and one.setting.name == setting]
     return found
@@ -78,9 +73,9 @@ def test_as_printed_the_rear_sector_drives_away():
     assert (np.diff(distance[1])[behind] > 0.0).all()
 
 
-def test_the_results_are_numpys(groups, results):
-    for name in ("a", "b"):
-        content = results[name]
+def test_the_results_are_numpys(groups):
+    results = {name: summarise(name, 12, 1, groups[name]) for name in groups}
+    for name, content in results.items():
         assert (content["experiment"], content["runs"], content["seed"], content["steps"]) == (name, 12, 1, 300)
         assert len(content["groups"]) == len(groups[name]) == 8
         for one, group in zip(content["groups"], groups[name], strict=True):

@@ -17,7 +17,6 @@ from diffbot_sim.model.philox import Draw
 from diffbot_sim.model.plant import PlantConfig, new_plant, plant_step
 
 LOOP = ContractLoop(ControllerConfig(), Contract(), 0.1)
-PLANT = PlantConfig()
 
 
 def test_a_step_is_that_of_the_controller_and_the_plant():
@@ -31,7 +30,7 @@ def test_a_step_is_that_of_the_controller_and_the_plant():
         expected_memory, command, _ = step(
             expected_memory, Estimate(seen, Uncertainty(0.02, 0.01)), Pose(0.0, 0.0, 0.0), 0.1, LOOP.law
         )
-        state = plant_step(state, command, Draw(left, right, 0.0, 0.0), PLANT)
+        state = plant_step(state, command, Draw(left, right, 0.0, 0.0), PlantConfig())
         pose, memory = next_pose(LOOP, pose, memory, 0.02, (x, y, theta, left, right, 0.0, 0.0, 0.0))
         assert pose == pytest.approx(state.pose, abs=1e-12)
         assert memory == expected_memory

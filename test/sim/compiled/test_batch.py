@@ -38,6 +38,13 @@ FASTER = CONTROLLER._replace(
 )
 START = (-2.0, -5.5, math.radians(30.0))
 TOO_LATE = "must be <= 1 s, the length of the filter's history"
+TOO_LATE_SENSORS = {
+    "fix_delay + fix_delay_jitter = 1.25": SensorConfig(fix_delay=0.5, fix_delay_jitter=0.75),
+    "heading_delay = 1.2": SensorConfig(heading_delay=1.2),
+    "detection_delay = 1.1": SensorConfig(
+        fix_rate=0.0, detector=DetectorConfig(detection_rate=5.0, detection_delay=1.1)
+    ),
+}
 
 
 def case_of(plant=PAPER, sensors=SENSORS, controller=CONTROLLER, goal=ORIGIN, feedback="raw", steps=150):
@@ -263,19 +270,7 @@ def test_the_box_is_filled_evenly():
 @pytest.mark.parametrize(
     ("case", "poses", "message"),
     [
-        (
-            case_of(sensors=SensorConfig(fix_delay=0.5, fix_delay_jitter=0.75)),
-            [START],
-            "fix_delay + fix_delay_jitter = 1.25: " + TOO_LATE,
-        ),
-        (case_of(sensors=SensorConfig(heading_delay=1.2)), [START], "heading_delay = 1.2: " + TOO_LATE),
-        (
-            case_of(
-                sensors=SensorConfig(fix_rate=0.0, detector=DetectorConfig(detection_rate=5.0, detection_delay=1.1))
-            ),
-            [START],
-            "detection_delay = 1.1: " + TOO_LATE,
-        ),
+        *((case_of(sensors=sensors), [START], f"{delay}: {TOO_LATE}") for delay, sensors in TOO_LATE_SENSORS.items()),
         (case_of(steps=0), [START], "steps = 0: must be >= 1"),
         (
             case_of()._replace(filter=options_of(FilterConfig(use_gyro=True))),

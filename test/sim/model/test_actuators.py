@@ -29,24 +29,17 @@ def driven(commands, **actuators):
     return found
 
 
-def in_force(delay, commands, t_s=T_S):
-    record = np.zeros((command_rows(delay, t_s), 2))
-    return [delayed_command(record, step, one, delay, t_s) for step, one in enumerate(commands)]
-
-
-def ramp(steps):
-    return [Twist(1.0 + step, 0.5 - step) for step in range(steps)]
-
-
 @pytest.mark.parametrize("delay", [0.02, 0.16, 0.999])
 def test_dead_time_is_the_mean_of_the_shifted_staircase_over_each_step(delay):
-    commands = ramp(30)
+    commands = [Twist(1.0 + step, 0.5 - step) for step in range(30)]
+    record = np.zeros((command_rows(delay, T_S), 2))
 
     def staircase(time):
         step = math.floor(time / T_S)
         return commands[step].v if step >= 0 else 0.0
 
-    for step, found in enumerate(in_force(delay, commands)):
+    for step, command in enumerate(commands):
+        found = delayed_command(record, step, command, delay, T_S)
         # In the middle of 1000 slices of the step.
         mean = np.mean([staircase((step + (part + 0.5) / 1000.0) * T_S - delay) for part in range(1000)])
         assert found.v == pytest.approx(mean, abs=1e-9)

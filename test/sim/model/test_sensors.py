@@ -15,7 +15,6 @@ from diffbot_sim.model.beams import MIN_RANGE, BeamSimulation, measured_range, t
 from diffbot_sim.model.philox import Draw, NoiseKey, draw
 from diffbot_sim.model.sensors import NO_ERRORS, SensorConfig
 
-CHECK = settings(max_examples=100)
 DEFAULT = SensorConfig()
 TRUTH = Pose(4.0, -3.0, 3.1)
 
@@ -28,7 +27,7 @@ def test_a_whole_ratio_is_exact_for_long():
     ]
 
 
-@CHECK
+@settings(max_examples=100)
 @given(st.floats(0.1, 50.0), st.sampled_from((0.01, 0.02, 0.1, 0.15)))
 def test_any_rate_is_kept_on_average_and_evenly(rate, sampling_time):
     per_step = min(rate * sampling_time, 1.0)

@@ -60,13 +60,6 @@ def test_steps_are_due_when_the_clock_has_passed_their_time():
     assert [clock.on_clock(START + k * 50 * MS) for k in (1, 2, 2, 3, 4)] == [0, 1, 0, 0, 1]
 
 
-def test_a_clock_of_long_steps_makes_several_due_and_none_is_skipped():
-    clock = ForeignClock(10 * MS)
-    clock.on_clock(START)
-    assert [clock.on_clock(START + k * 1000 * MS) for k in (1, 2)] == [100, 100]
-    assert clock.skipped == 0
-
-
 def test_time_that_jumps_back_or_a_pause_begins_again():
     clock = ForeignClock(100 * MS)
     clock.on_clock(START)

@@ -6,7 +6,6 @@ In one file, since the kernel takes a minute to compile.
 import contextlib
 import io
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -343,20 +342,6 @@ def test_a_landmark_takes_the_states_of_the_one_that_was_not_seen_for_the_longes
         np.testing.assert_allclose(measured.gap[seen], gap)
         for slot in set(measured.slot[seen].tolist()):
             assert len(set(map(tuple, measured.place[seen & (measured.slot == slot)]))) == (1 if count == 10 else 5)
-
-
-def test_term_is_the_gaussian_density_of_the_innovation_with_scaled_deviations(recording):
-    """Of each innovation, by scipy, from y and S of the filter, to which the scaled covariances are given."""
-    config = build(EkfNodeConfig, WIDE | {"gate_probability": 1.0})
-    filtered, collector = RecordingLocalization(config), Collector()
-    scale = np.diag([2.0, 2.0, 3.0])
-    feed(filtered, recording.odometry, [replace(fix, R=scale @ fix.R @ scale) for fix in recording.fixes])
-    feed(collector, recording.odometry, recording.fixes)
-    settings = settings_of(config)._replace(factors=np.array([[1.0, 1.0], [1.0, 1.0], [2.0, 3.0], [1.0, 1.0]]))
-    found = run_events(collector.events("gauss"), given_prior(config), settings)
-    expected = [stats.multivariate_normal(np.zeros(3), one.S).logpdf(one.y) for one in filtered.innovations]
-    rows = found.result[found.result[:, kernel.NUMBERS] > 0]
-    np.testing.assert_allclose(rows[:, kernel.TERM], expected, rtol=1e-8)
 
 
 def test_averaged_odometry_keeps_the_way_and_its_variance(recording):

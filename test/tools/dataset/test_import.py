@@ -23,12 +23,8 @@ def assert_pose(message, expected, tolerance=1e-7):
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return write_mrclam(tmp_path_factory.mktemp("data") / "MRCLAM_Dataset0", robot=3)
-
-
-@pytest.fixture(scope="module")
-def bag(folder):
+def bag(tmp_path_factory):
+    folder = write_mrclam(tmp_path_factory.mktemp("data") / "MRCLAM_Dataset0", robot=3)
     out = folder.parent / "bag"
     assert import_mrclam(folder, 3, out) == 0
     return out
@@ -119,14 +115,13 @@ def test_labyrinth_has_ranges_without_bearing_and_positions_without_heading(tmp_
     folder = write_labyrinth(tmp_path / "labyrinth")
     import_labyrinth(folder, tmp_path / "bag")
     topics = read(tmp_path / "bag")
-    x, y, z = (np.frombuffer(topics["/landmarks"][4][1].data, "<f4")[index] for index in range(3))
-    time = topics["/landmarks"][4][0] * 1e-9
-    px, py, _ = truth_at(time)
-    number = 100 + list(LANDMARKS)[5 % 3]
-    raw = topics["/landmarks"][4][1].data
-    assert np.frombuffer(raw, "<i4")[3] == number
-    assert (x, y, z) == pytest.approx((math.dist(LANDMARKS[number - 100], (px, py)), 0.0, 0.0), abs=1e-6)
-    assert np.frombuffer(raw, "<f4")[4:].tolist() == pytest.approx([0.01, math.inf])
+    time, message = topics["/landmarks"][4]
+    (point,) = landmark_points(message)
+    number = list(LANDMARKS)[5 % 3]
+    assert point.number == 100 + number
+    distance = math.dist(LANDMARKS[number], truth_at(time * 1e-9)[:2])
+    assert (point.range, point.bearing, point.var_range) == pytest.approx((distance, 0.0, 0.01), abs=1e-6)
+    assert point.var_bearing == math.inf
     truth = topics["/ground_truth"][0][1]
     assert truth.pose.covariance[35] == 1e6
     start = topics["/initialpose"][0][1]

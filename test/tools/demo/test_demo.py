@@ -36,18 +36,13 @@ def demo(tmp_path_factory):
     return folder / "out" / "demo", tutorial_run.outputs(page, tutorial_run.run(page, folder))
 
 
-@pytest.fixture(scope="module")
-def bag(demo):
-    """What rosbags finds in the bag: (log time, message) of each topic."""
-    return read(demo[0] / "bag")
-
-
 def test_the_bag_keeps_the_contract_of_the_demonstration(demo, capsys, kept_signal_handlers):
     status = cli.main(["bag", "check", str(demo[0] / "bag"), str(CONTRACT)])
     assert status == 0, capsys.readouterr().out
 
 
-def test_summary_holds_what_the_bag_says(demo, bag):
+def test_summary_holds_what_the_bag_says(demo):
+    bag = read(demo[0] / "bag")
     summary = json.loads((demo[0] / "summary.json").read_text())
     truth = [(stamp(message), *planar(message.pose.pose)) for _, message in bag["/ground_truth"]]
     # By its own stamp a goal begins; the first one has none, since it is sent before the first step.

@@ -12,11 +12,10 @@ from diffbot_core.geometry import Pose
 from diffbot_tools.demo.run_record import RunRecord, evaluate, read_run
 
 NOTHING = np.empty((0, 4))
-T0 = view_bags.BEGIN
 
 
 def ns(seconds):
-    return T0 + round(seconds * 1e9)
+    return view_bags.BEGIN + round(seconds * 1e9)
 
 
 def odometry(topic, seconds, *pose):

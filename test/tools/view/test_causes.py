@@ -9,8 +9,6 @@ from diffbot_tools.view.causes import causes
 from diffbot_tools.view.events import ERROR, WARNING
 
 TIME = np.linspace(0.0, 20.0, 201)
-WHEELS = WheelGeometry(0.05, 0.6)
-END = 18.0
 
 
 def drive():
@@ -24,7 +22,7 @@ def drive():
 
 
 def found(curves):
-    return causes(curves, 2.0, END, PRESETS["tuned"], WHEELS)
+    return causes(curves, 2.0, 18.0, PRESETS["tuned"], WheelGeometry(0.05, 0.6))
 
 
 def test_a_drive_without_a_fault():

@@ -17,9 +17,6 @@ from diffbot_tools.view.report_command import write_report
 pytestmark = pytest.mark.graph
 TRUTH, ESTIMATE = (0, 114, 178), (213, 94, 0)
 """Colours of the light style, Okabe and Ito's."""
-PURE = ("geometry", "words")
-"""Modules without a page."""
-TRUTH_DARK = (86, 180, 233)
 
 
 @pytest.fixture(scope="module")
@@ -155,7 +152,7 @@ def test_an_element_that_gets_in_cannot_load_or_run_anything(new_page, report):
 
 
 @pytest.mark.parametrize(
-    ("size", "scheme", "truth"), [(browser.WIDE, "light", TRUTH), (browser.NARROW, "dark", TRUTH_DARK)]
+    ("size", "scheme", "truth"), [(browser.WIDE, "light", TRUTH), (browser.NARROW, "dark", (86, 180, 233))]
 )
 def test_the_result_comes_first_and_nothing_is_cropped_or_overlaps(new_page, report, size, scheme, truth):
     other = new_page(size, scheme).open(report)
@@ -259,7 +256,9 @@ def test_what_is_seen_is_saved_as_a_picture(page, tmp_path):
     ],
 )
 def test_states_in_words(new_page, status, speed, words):
-    source = "".join(re.sub(r"^import .*|^export ", "", page_text(f"{name}.js"), flags=re.M) for name in PURE)
+    # Modules without a page.
+    pure = page_text("geometry.js") + page_text("words.js")
+    source = re.sub(r"^import .*|^export ", "", pure, flags=re.M)
     to_go = {"distance": 1.5, "heading": -0.25, "lateral": 0.98}
     blank = new_page().tab
     arguments = ", ".join(map(json.dumps, (status, to_go, {"v": speed, "omega": 0.0}, status.get("left"), 0.1)))

@@ -21,8 +21,8 @@ def drive(end_x, speed=0.2, truth=True):
     return {"truth" if truth else "estimate": path, "command": command, "law": {"t": TIME}}
 
 
-def row_of(curves, *events):
-    (row,) = goal_rows(curves, [GoalSent(0.5, Pose(2.0, 0.0, 0.0))], list(events), TUNED)
+def row_of(curves, *events, config=TUNED):
+    (row,) = goal_rows(curves, [GoalSent(0.5, Pose(2.0, 0.0, 0.0))], list(events), config)
     return row
 
 
@@ -83,9 +83,7 @@ def test_accelerations_of_the_commands_are_those_that_the_bag_allows():
         # Recorded late, the stop at once at 6 s is not counted.
         late = TIME + 0.03 * (np.arange(101) % 5 == 0)
         curves["command"] = {"t": late, "v": np.where(TIME < 6.0, ramp, 0.0), "omega": np.zeros(101)}
-        (row,) = goal_rows(
-            curves, [GoalSent(0.5, Pose(2.0, 0.0, 0.0))], [end(6.5, "reached")], TUNED._replace(data_sheet=sheet)
-        )
+        row = row_of(curves, end(6.5, "reached"), config=TUNED._replace(data_sheet=sheet))
         level, text = row["lines"][2]
         assert level == (OK if is_kept else ERROR)
         assert ", 0.50 of 0.50 m/s^2, " in text or not is_kept
