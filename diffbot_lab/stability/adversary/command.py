@@ -41,9 +41,8 @@ def run_adversary(path: Path, steps: int, trajectories: int, seed: int, out: Pat
     claims, loop = certificate.claims, loop_of(certificate)
     with output_folder(out):
         with tqdm(desc="adversary", total=_GENERATIONS, unit="generation", disable=None) as bar:
-            attack = search(
-                lambda *one: play(loop, *one), _SPREAD, seed, _GENERATIONS, each=lambda best: _shown(bar, best)
-            )
+            game = functools.partial(play, loop)
+            attack = search(game, _SPREAD, seed, _GENERATIONS, each=lambda best: _shown(bar, best))
         drifted = drift_of(loop).farthest
         distance = max(attack.distance, drifted)
         seen = observe(certificate, steps, trajectories, seed)
