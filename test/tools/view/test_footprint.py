@@ -58,9 +58,9 @@ def test_boxes_are_placed_by_fixed_joints_and_their_own_origins():
     ids=["cut off", "empty", "deep", "entity", "nan", "huge", "two numbers", "a loop without a box"],
 )
 def test_what_is_no_footprint(text):
-    begin = time.monotonic()
+    begin = time.process_time()
     assert footprint_of(text) is None
-    assert time.monotonic() - begin < 5.0
+    assert time.process_time() - begin < 5.0
 
 
 @pytest.mark.graph
