@@ -5,7 +5,7 @@ in docs/explanation/law/paper.md: 100 runs of the closed loop; docs/rooms.svg: t
 docs/reference/nodes/states.svg: the states of a goal; docs/badges: the package's metadata. In
 docs/results, from the JSON files in its folder data: benchmark.md, reproduction.md, faults.md (`make faults`,
 `make soak`), docking.md, performance.md (`make bench`), trust.md (`make trust`), and the tables in filter.md,
-real-robots.md and robot-localization.md.
+real-robots.md, robot-localization.md and docs/explanation/stability.md.
 ``--experiments`` and ``--benchmark`` repeat the runs behind the JSON files and draw their figures; those behind
 benchmark_bound.json need casadi (extra ``bound``) and are repeated by ``--benchmark bound`` alone.
 ``--animation`` draws docs/run.gif and docking.gif, ``--policy`` runs the nodes and writes config/sros2_policy.xml.
@@ -31,7 +31,20 @@ from benchmark_page import page as benchmark_page
 from docking_page import page as docking_page
 from faults_page import page as faults_page
 from geometry_picture import geometry_picture
-from measure import CALIBRATION, COLOUR, CONTRACT, DATA, DOCKING, EFFECTS, LOCALIZATION, PEER, REAL, RESULTS, STATES
+from measure import (
+    CALIBRATION,
+    COLOUR,
+    CONTRACT,
+    DATA,
+    DOCKING,
+    EFFECTS,
+    LOCALIZATION,
+    PEER,
+    REAL,
+    RESULTS,
+    STABILITY,
+    STATES,
+)
 from performance_page import page as performance_page
 from reproduction import page as reproduction_page
 from rooms import picture as rooms_picture
@@ -55,7 +68,7 @@ from diffbot_sim.model.simulator import WorldConfig
 from diffbot_sim.reference_loop import simulate
 
 DOCS = Path(__file__).parent
-CHECK = DOCS / "reference/bags/check.md"
+CHECK, PROVED = DOCS / "reference/bags/check.md", DOCS / "explanation/stability.md"
 RUNS = 100
 STEPS = 300
 PAPER_PLANT = next(one.plant for one in SETTINGS if one.name == "raw")
@@ -134,6 +147,32 @@ def real_ros_page() -> str:
     return marked(DOCS / "how-to/real-ros.md", "figures", "\n".join(markdown_table(("what", "measured"), rows)))
 
 
+def certificates_table() -> str:
+    """Return the certificates: contract, claims, and what attacked them."""
+    head = ("robot", "estimate", "base", "from", "r*", "T", "Omega_L ends within", "adversary", "random errors")
+    rows = []
+    for one in read_data(STABILITY)["certificates"]:
+        contract, claims, seen = one["plan"]["contract"], one["certified"], one["observed"]
+        robot, period = one["robot"], one["plan"]["period"]
+        if "kept" in one:
+            share = "{runs:.1%} ({low:.1%} to {high:.1%})".format(**one["kept"])
+            robot += f"; contract measured from {one['since']:g} s on, kept in {share} of other runs"
+        rows.append(
+            (
+                f"{robot}; a pose each {period:g} s",
+                "{eps_position:.3g} m, {eps_theta:.2g} rad, sigma {sigma_max:.2g} m".format(**contract),
+                "{eps_v:.2g} m/s, {eps_omega:.2g} rad/s".format(**contract),
+                f"{claims['start']:.3g} m",
+                f"{claims['radius']:.3f} m",
+                f"{claims['time']:.1f} s",
+                f"{claims['seed']:.3f} m",
+                f"{one['adversary']['distance']:.3f} m, ratio {one['certified_over_adversary']:.2f}",
+                f"there after {period * seen['longest']:.1f} s, at the end within {seen['farthest']:.3f} m",
+            )
+        )
+    return "\n".join(markdown_table(head, rows))
+
+
 def scenario_a_table() -> str:
     """Return the end states of the paper's simulation A under law (17) with the fixed region, 100 runs of 30 s."""
     head = ["the controller receives", "position error [m]: median", "p95", "max"]
@@ -163,7 +202,7 @@ def read_data(name: str) -> dict[str, Any]:
 
 
 def results_pages() -> dict[Path, str]:
-    """Return the pages of docs/results that are made from its JSON files, by their paths."""
+    """Return the pages that are made from the JSON files of docs/results, by their paths."""
     experiments = read_data("reproduction")
     law = benchmark_page(read_data("benchmark"), read_data("benchmark_bound"), read_data(EFFECTS))
     return {
@@ -176,6 +215,7 @@ def results_pages() -> dict[Path, str]:
         RESULTS / "faults.md": faults_page(read_data("faults")),
         RESULTS / "performance.md": performance_page(read_data("performance")),
         RESULTS / "trust.md": trust_page(read_data("trust")),
+        PROVED: marked(PROVED, "certificates", certificates_table()),
     }
 
 

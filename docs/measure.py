@@ -11,10 +11,13 @@ import tempfile
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 from docking_movie import write_docking_movie
 
+from diffbot_control.law.configuration import ControllerConfig
 from diffbot_core.files import write_json
+from diffbot_core.schema import build
 from diffbot_lab.arena import command as law_benchmark
 from diffbot_lab.arena import effects as law_effects
 from diffbot_lab.arena.animation import AnimationOptions, drives, write_movie
@@ -33,8 +36,11 @@ from diffbot_lab.paper.experiment import run_experiment, summarise
 from diffbot_lab.paper.figures import figure_paths
 from diffbot_lab.paper.scan import run_scan
 from diffbot_lab.security import policy
+from diffbot_lab.stability.adversary.command import run_adversary
+from diffbot_lab.stability.certificates import certify_and_save, run_verify
 from diffbot_lab.stability.contract.command import RUNS, RUNS_OF_ROBOT, SEED, run_contract, runs_of_arena, runs_of_robot
-from diffbot_lab.stability.plan import Contract
+from diffbot_lab.stability.plan import Contract, Plan
+from diffbot_lab.stability.robot import certify_robot
 from diffbot_tools.robot.robot import read_robot
 
 DOCS = Path(__file__).parent
@@ -53,6 +59,15 @@ CONTRACT = "contract"
 """Name of the results on the contract of certificates ..."""
 ROBOTS = ("turtlebot4", "warehouse_agv")
 """... and robots that it is looked at with."""
+STABILITY = "stability"
+"""Name of the certificates' figures and of the first one's picture ..."""
+CERTIFIED_ROBOT, SINCE = "turtlebot4", 10.0
+"""... a robot that is certified by its parameters, with the contract that it keeps from then on [s], ..."""
+LIMITS = {"linear.x.max_acceleration": 0.5, "angular.z.max_acceleration": 1.5}
+"""... and limits of the acceleration, which are certified with this bound of the base:"""
+LIMITED = Contract(eps_v=0.02, eps_omega=0.1)
+ATTACK_STEPS, ATTACK_RUNS, ATTACK_SEED = 1_000_000, 100_000, 1
+"""Of the random errors against each certificate."""
 PAPER_RUNS = 100
 SWITCHING_RUNS, OWN_RUNS, SWITCHING_SEED = 200, 1000, 7
 """Runs of each start in the comparison of the laws, of this one's, and a seed that is not that of their tuning."""
@@ -166,8 +181,29 @@ def write_contract() -> None:
     not matter.
     """
     robots = [runs_of_robot(read_robot(name), RUNS_OF_ROBOT, SEED) for name in ROBOTS]
-    contract = Contract(eps_v=0.02, eps_omega=0.1)
-    write_json(DATA / f"{CONTRACT}.json", run_contract([*runs_of_arena(RUNS, SEED), *robots], contract, SEED))
+    write_json(DATA / f"{CONTRACT}.json", run_contract([*runs_of_arena(RUNS, SEED), *robots], LIMITED, SEED))
+
+
+def write_stability() -> None:
+    """Certify three robots; check and attack each certificate."""
+    results: list[dict[str, Any]] = []
+    with tempfile.TemporaryDirectory() as folder:
+        path, out = Path(folder) / "certificate.json", Path(folder) / "attack"
+
+        def attacked(robot: str, **more: Any) -> None:
+            run_verify(path)
+            run_adversary(path, ATTACK_STEPS, ATTACK_RUNS, ATTACK_SEED, out)
+            results.append({"robot": robot, **more, **json.loads((out / "adversary.json").read_text())})
+            if len(results) == 1:
+                shutil.copy(out / "adversary.png", FIGURES / f"{STABILITY}.png")
+
+        certify_and_save(ControllerConfig(), Plan(), path)
+        attacked("default")
+        certify_and_save(build(ControllerConfig, LIMITS), Plan(LIMITED), path)
+        attacked("default with 0.5 m/s^2 and 1.5 rad/s^2")
+        _, share = certify_robot(CERTIFIED_ROBOT, {}, SINCE, {}, path, None)
+        attacked(CERTIFIED_ROBOT, since=SINCE, kept=share._asdict())
+    write_json(DATA / f"{STABILITY}.json", {"certificates": results})
 
 
 ALL = "all"
@@ -180,9 +216,10 @@ WRITERS: dict[str, tuple[Callable[[], None], ...]] = {
     CALIBRATION: (write_calibration,),
     CONTRACT: (write_contract,),
     DOCKING: (write_docking,),
+    STABILITY: (write_stability,),
     ALL: (
         *(write_switching, write_effects, write_localization, write_colour, write_states),
-        *(write_calibration, write_contract, write_docking),
+        *(write_calibration, write_contract, write_docking, write_stability),
     ),
     "bound": (write_bound,),
 }

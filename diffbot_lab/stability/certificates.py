@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from diffbot_control.law.configuration import ControllerConfig
 from diffbot_control.law.controller import SwitchingLaw
 from diffbot_core.errors import DiffbotError
 from diffbot_core.files import output_folder
-from diffbot_core.schema import build
 from diffbot_lab.stability.check.verify import verify
 from diffbot_lab.stability.file import Certificate, load_certificate, save_certificate
 from diffbot_lab.stability.maker.certify import certify
@@ -21,11 +18,11 @@ from diffbot_lab.stability.runs import sample
 from diffbot_sim.compiled.jit import law_version
 
 
-def run_certify(values: Mapping[str, Any], plan: Plan, out: Path, threads: int | None = None) -> int:
-    """Make a certificate of the default law and write it to a file.
+def certify_and_save(config: ControllerConfig, plan: Plan, out: Path, threads: int | None = None) -> Certificate:
+    """Make a certificate of the default law, write it to a file, and say what it claims.
 
     Args:
-        values: parameters of the controller that differ from the preset ``tuned``.
+        config: of the controller.
         plan: contract, period, start and cells.
         out: the file.
         threads: at a time; None: one per core.
@@ -33,24 +30,24 @@ def run_certify(values: Mapping[str, Any], plan: Plan, out: Path, threads: int |
     Raises:
         DiffbotError: for a configuration that is not covered, without a certificate, or for an unwritable file.
     """
-    certify_and_save(build(ControllerConfig, values), plan, out, threads)
-    return 0
-
-
-def certify_and_save(config: ControllerConfig, plan: Plan, out: Path, threads: int | None) -> None:
-    """Make a certificate, write it to a file, and say what it claims; raises as :func:`run_certify` does."""
     began = time.monotonic()
     with output_folder(out.parent):
         certificate = certify(config, plan, threads)
         save_certificate(out, certificate)
     cells = f"{len(certificate.ranks)} cells, {time.monotonic() - began:.0f} s"
     print(f"{report(certificate)}\n{cells}; not verified yet: diffbot stability verify {out}")
+    return certificate
+
+
+def steps_to_core(certificate: Certificate) -> int:
+    """Return after how many steps at most the core is reached; a region entered before the contract held ends first."""
+    return certificate.claims.steps + certificate.config.region_policy.covariance.eps_P_leave_steps
 
 
 def report(certificate: Certificate) -> str:
     """Say in words what a certificate claims."""
     claims, plan = certificate.claims, certificate.plan
-    contract, steps = plan.contract, claims.steps + certificate.config.region_policy.covariance.eps_P_leave_steps
+    contract, steps = plan.contract, steps_to_core(certificate)
     base = f"{contract.eps_v:g} m/s and {contract.eps_omega:g} rad/s"
     return (
         f"Law with braking profiles, a pose each {plan.period:g} s. As long as\n"

@@ -87,7 +87,9 @@ def _given(options: argparse.Namespace, names: tuple[str, ...]) -> dict[str, Any
 
 
 def _certify(options: argparse.Namespace) -> int:
-    from diffbot_lab.stability import certificates  # noqa: PLC0415
+    from diffbot_control.law.configuration import ControllerConfig  # noqa: PLC0415
+    from diffbot_core.schema import build  # noqa: PLC0415
+    from diffbot_lab.stability.certificates import certify_and_save  # noqa: PLC0415
     from diffbot_lab.stability.plan import Contract, Plan  # noqa: PLC0415
 
     bounds, cells = _given(options, _OF_CONTRACT), _given(options, _OF_PLAN)
@@ -98,11 +100,13 @@ def _certify(options: argparse.Namespace) -> int:
             if getattr(options, name) not in (None, []):
                 raise InvalidValueError(f"--{name.replace('_', '-')}", getattr(options, name), "left out with --robot")
         since = 10.0 if options.since is None else options.since
-        return certify_robot(options.robot, bounds, since, cells, options.out, options.threads)
+        certify_robot(options.robot, bounds, since, cells, options.out, options.threads)
+        return 0
     if options.since is not None:
         raise InvalidValueError("--since", options.since, "left out without --robot")
     plan = Plan(contract=Contract(**bounds), to=options.rho_max or _FAR, **cells)
-    return certificates.run_certify(once("--set", options.set), plan, options.out, options.threads)
+    certify_and_save(build(ControllerConfig, once("--set", options.set)), plan, options.out, options.threads)
+    return 0
 
 
 def _adversary(options: argparse.Namespace) -> int:
@@ -130,6 +134,6 @@ def _contract(options: argparse.Namespace) -> int:
 
 
 def _verify(options: argparse.Namespace) -> int:
-    from diffbot_lab.stability import certificates  # noqa: PLC0415
+    from diffbot_lab.stability.certificates import run_verify  # noqa: PLC0415
 
-    return certificates.run_verify(options.file)
+    return run_verify(options.file)

@@ -11,7 +11,8 @@ from tqdm import tqdm
 from diffbot_core.errors import DiffbotError
 from diffbot_lab.stability.certificates import certify_and_save
 from diffbot_lab.stability.contract.command import SEED, farthest_start, observe, runs_of_robot
-from diffbot_lab.stability.contract.kept import fitted, kept, share_of
+from diffbot_lab.stability.contract.kept import Kept, fitted, kept, share_of
+from diffbot_lab.stability.file import Certificate
 from diffbot_lab.stability.plan import Contract, Plan
 from diffbot_tools.robot.robot import read_robot
 
@@ -25,7 +26,7 @@ _END = 45.0
 
 def certify_robot(
     name: str, bounds: Mapping[str, float], since: float, cells: Mapping[str, Any], out: Path, threads: int | None
-) -> int:
+) -> tuple[Certificate, Kept]:
     """Measure the bounds that are not given, certify, and say how often the contract is kept in other runs.
 
     Args:
@@ -35,6 +36,9 @@ def certify_robot(
         cells: ``margin`` and ``fineness`` of the plan, if they are given.
         out: file of the certificate.
         threads: at a time; None: one per core.
+
+    Returns:
+        The certificate, and the share of the other runs.
 
     Raises:
         DiffbotError: if the robot is not covered, or there is no certificate.
@@ -56,7 +60,7 @@ def certify_robot(
     share = share_of(kept(others[:, part], contract))
     plan = Plan(contract, t_s, farthest_start(robot), **cells)
     try:
-        certify_and_save(runs.case.controller, plan, out, threads)
+        certificate = certify_and_save(runs.case.controller, plan, out, threads)
     except DiffbotError as error:
         bounds_kept = ", ".join(f"{name} {value:g}" for name, value in contract._asdict().items())
         raise DiffbotError(f"{error}; contract from {since:g} s on: {bounds_kept}") from None
@@ -64,4 +68,4 @@ def certify_robot(
         f"In {100.0 * share.runs:.1f} % [{100.0 * share.low:.1f}, {100.0 * share.high:.1f}] of {steps} other runs the "
         f"contract is kept from {since:g} s to {_END:g} s."
     )
-    return 0
+    return certificate, share

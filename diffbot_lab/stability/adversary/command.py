@@ -15,7 +15,7 @@ from diffbot_lab.stability.adversary.drift import drift_of
 from diffbot_lab.stability.adversary.figure import draw_near_field, field_of
 from diffbot_lab.stability.adversary.play import observe, play
 from diffbot_lab.stability.adversary.search import search
-from diffbot_lab.stability.certificates import report
+from diffbot_lab.stability.certificates import report, steps_to_core
 from diffbot_lab.stability.file import load_certificate
 from diffbot_lab.stability.runs import loop_of
 
@@ -38,7 +38,7 @@ def run_adversary(path: Path, steps: int, trajectories: int, seed: int, out: Pat
         DiffbotError: if the certificate is refuted, after writing the files, or they cannot be written.
     """
     certificate = load_certificate(path)
-    claims, loop = certificate.claims, loop_of(certificate)
+    claims, plan, loop = certificate.claims, certificate.plan, loop_of(certificate)
     with output_folder(out):
         with tqdm(desc="adversary", total=_GENERATIONS, unit="generation", disable=None) as bar:
             game = functools.partial(play, loop)
@@ -47,7 +47,7 @@ def run_adversary(path: Path, steps: int, trajectories: int, seed: int, out: Pat
         distance = max(attack.distance, drifted)
         seen = observe(certificate, steps, trajectories, seed)
         result = {
-            "certified": claims._asdict() | {"time": claims.steps * certificate.plan.period},
+            "certified": claims._asdict() | {"time": steps_to_core(certificate) * plan.period},
             "adversary": {
                 "distance": distance,
                 "again_and_again": attack.distance,
@@ -56,7 +56,8 @@ def run_adversary(path: Path, steps: int, trajectories: int, seed: int, out: Pat
             },
             "certified_over_adversary": claims.radius / distance,
             "observed": {key: value for key, value in seen._asdict().items() if key != "cloud"},
-            "loop": certificate.plan.contract._asdict(),
+            "plan": {**plan._asdict(), "contract": plan.contract._asdict()},
+            "law": certificate.law,
             "seed": seed,
         }
         write_json(out / "adversary.json", result)
