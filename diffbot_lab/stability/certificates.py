@@ -13,7 +13,7 @@ from diffbot_core.files import output_folder
 from diffbot_lab.stability.check.verify import verify
 from diffbot_lab.stability.file import Certificate, load_certificate, save_certificate
 from diffbot_lab.stability.maker.certify import certify
-from diffbot_lab.stability.plan import Plan
+from diffbot_lab.stability.plan import SLOPES, Contract, Plan
 from diffbot_lab.stability.runs import sample
 from diffbot_sim.compiled.jit import law_version
 
@@ -53,12 +53,20 @@ def report(certificate: Certificate) -> str:
         f"Law with braking profiles, a pose each {plan.period:g} s. As long as\n"
         f"  the estimate is within {contract.eps_position:g} m and {contract.eps_theta:g} rad,\n"
         f"  its standard deviation at most {contract.sigma_max:g} m,\n"
+        f"{_slopes(contract)}"
         f"  the wheels off by at most {100.0 * contract.wheel_error:g} %,\n"
         f"  and the base at most {base} off what is requested,\n"
         f"every trajectory from within {claims.start:g} m without a leg of the finish is in the core after "
         f"{steps * plan.period:g} s ({steps} steps) at most and stays;\n"
         f"the core is within r* = {math.ceil(1e4 * claims.radius) / 1e4:.4f} m."
     )
+
+
+def _slopes(contract: Contract) -> str:
+    if not any(getattr(contract, name) > 0.0 for name in SLOPES):
+        return ""
+    position, theta, sigma = (getattr(contract, name) for name in SLOPES)
+    return f"  each plus {position:g} m, {theta:g} rad and {sigma:g} m per metre from the goal,\n"
 
 
 def run_verify(path: Path, steps: int = 1_000_000, seed: int = 1) -> int:

@@ -20,7 +20,7 @@ from diffbot_core.schema import build, to_dict
 from diffbot_lab.stability.plan import Contract, Plan, check_plan, requesting
 from diffbot_lab.stability.result_file import check_number, pack, read_result, unpack
 
-FORMAT = "diffbot stability tuned 3"
+FORMAT = "diffbot stability 4"
 MAX_CELLS = 100_000_000
 _MAX_ROWS, _MAX_COLUMNS, _MAX_STEPS = 20_000, 16_000, 32_767
 

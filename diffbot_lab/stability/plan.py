@@ -4,7 +4,9 @@ The certificate is about the law *as it requests*: with the gains in force, with
 time, lag or dead band. How far the base is from that is part of the contract. With a dead time or a lag the pose is the
 coasted one (law/latency.py), which the base moves at once.
 
-The heading is known well enough in every step for the goal to be reached (``knowable_heading``), and no leg of the
+The bounds of the estimate may grow with the distance from the goal, as a filter's errors do on the way.
+
+In Omega_L the heading is known well enough for the goal to be reached (``knowable_heading``), and no leg of the
 finish is being driven when the contract begins to hold: a V that was begun before goes out as far as the deviations of
 that time asked for. All else that the law remembers may be anything.
 
@@ -44,10 +46,31 @@ class Contract(NamedTuple):
     eps_omega: float = 0.0
     """[rad/s] difference from the requested rotation, beyond the errors of the wheels; in Omega_L any rotation is
     allowed that is faster than ``omega_max`` by no more than that"""
+    position_slope: float = 0.0
+    """[-] by which the bound of the position grows per metre from the goal, ..."""
+    theta_slope: float = 0.0
+    """[rad/m] ... that of the heading ..."""
+    sigma_slope: float = 0.0
+    """[-] ... and that of the standard deviation"""
+
+    def at(self, rho: float) -> Contract:
+        """Return the contract of a robot that is within a distance ``rho`` [m] of the goal, with constant bounds."""
+        return self._replace(
+            eps_position=self.eps_position + self.position_slope * rho,
+            eps_theta=self.eps_theta + self.theta_slope * rho,
+            sigma_max=self.sigma_max + self.sigma_slope * rho,
+            position_slope=0.0,
+            theta_slope=0.0,
+            sigma_slope=0.0,
+        )
 
 
 _OF_ESTIMATE = ("eps_position", "eps_theta", "sigma_max")
 """Bounds that are above 0; those of the base may be 0."""
+SLOPES = ("position_slope", "theta_slope", "sigma_slope")
+"""How they grow with the distance, in this order."""
+_STEEPEST = 0.1
+"""bound of each slope: farther out, a robot still counts as outside of Omega_L the sooner, whatever its errors"""
 
 
 class Plan(NamedTuple):
@@ -63,6 +86,10 @@ class Plan(NamedTuple):
     fineness: float = 1.0
     """of the cells near the goal; 2 makes them half as large"""
 
+    def at(self, rho: float) -> Plan:
+        """Return the plan with the contract of a robot within a distance ``rho`` [m] of the goal."""
+        return self._replace(contract=self.contract.at(rho))
+
 
 _RANGES = {"period": (1e-3, 10.0), "to": (0.1, 1000.0), "margin": (0.0, 10.0), "fineness": (0.1, 10.0)}
 
@@ -74,7 +101,7 @@ def check_plan(plan: Plan) -> None:
         InvalidValueError: naming the first.
     """
     for name, value in plan.contract._asdict().items():
-        check_number(name, value, 1e-6 if name in _OF_ESTIMATE else 0.0, 0.999)
+        check_number(name, value, 1e-6 if name in _OF_ESTIMATE else 0.0, _STEEPEST if name in SLOPES else 0.999)
     for name, (low, high) in _RANGES.items():
         check_number(name, getattr(plan, name), low, high)
 

@@ -13,7 +13,7 @@ from diffbot_lab.stability.certificates import certify_and_save
 from diffbot_lab.stability.contract.command import SEED, farthest_start, observe, runs_of_robot
 from diffbot_lab.stability.contract.kept import Kept, fitted, kept, share_of
 from diffbot_lab.stability.file import Certificate
-from diffbot_lab.stability.plan import Contract, Plan
+from diffbot_lab.stability.plan import SLOPES, Contract, Plan
 from diffbot_tools.robot.robot import read_robot
 
 _RUNS = 200
@@ -47,9 +47,10 @@ def certify_robot(
     runs = runs_of_robot(robot, _RUNS, SEED)
     t_s, steps = runs.case.plant.sampling_time, len(runs.starts)
     part = slice(round(since / t_s), round(_END / t_s) + 1)
-    contract = Contract(wheel_error=runs.case.plant.drive_noise)
+    slopes = {name: value for name, value in bounds.items() if name in SLOPES}
+    contract = Contract(wheel_error=runs.case.plant.drive_noise, **slopes)
     with tqdm(total=2 * steps, desc="contract", unit="run", disable=None) as bar:
-        found = fitted(observe(runs, contract, SEED, bar)[:, part], _SHARE)
+        found = fitted(observe(runs, contract, SEED, bar)[:, part], contract, _SHARE)
         unbounded = [one for one, value in found.items() if not value < 1.0 and one not in bounds]
         if unbounded:
             raise DiffbotError(

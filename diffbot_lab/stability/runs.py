@@ -81,11 +81,12 @@ def next_pose(loop: ContractLoop, pose: Pose, memory: ControllerMemory, sigma: f
     """
     law, contract, period = loop
     # The corners of the square are drawn into the disc.
-    share = contract.eps_position / max(1.0, math.hypot(errors[0], errors[1]))
+    rho = math.hypot(pose.x, pose.y)
+    share = (contract.eps_position + contract.position_slope * rho) / max(1.0, math.hypot(errors[0], errors[1]))
     seen = Pose(
         pose.x + share * errors[0],
         pose.y + share * errors[1],
-        wrap_angle(pose.theta + contract.eps_theta * errors[2]),
+        wrap_angle(pose.theta + (contract.eps_theta + contract.theta_slope * rho) * errors[2]),
     )
     estimate = Estimate(seen, Uncertainty(sigma, SIGMA_THETA))
     memory, command, _ = step(memory, estimate, Pose(0.0, 0.0, 0.0), period, law)
@@ -96,6 +97,12 @@ def next_pose(loop: ContractLoop, pose: Pose, memory: ControllerMemory, sigma: f
     after = integrate(pose, Twist(driven.v, driven.omega + contract.eps_omega * errors[7]), period, True)
     beside = contract.eps_v * period / max(1.0, math.hypot(errors[5], errors[6]))
     return Pose(after.x + beside * errors[5], after.y + beside * errors[6], after.theta), memory
+
+
+def sigma_at(loop: ContractLoop, pose: Pose) -> float:
+    """Largest standard deviation [m] that the estimate may report at a true pose."""
+    contract = loop.contract
+    return float(contract.sigma_max + contract.sigma_slope * math.hypot(pose.x, pose.y))
 
 
 def rank_of(cells: Cells, pose: Pose, leading: int) -> int:
@@ -157,7 +164,7 @@ def _runs(loop: ContractLoop, cells: Cells, starts: Any, drawn: Any, steps: int,
             for at in range(8):
                 error = 2.0 * rng.random() - 1.0
                 errors[at] = math.copysign(1.0, error) if extreme else error
-            after, memory = next_pose(loop, pose, memory, loop.contract.sigma_max * rng.random(), errors)
+            after, memory = next_pose(loop, pose, memory, sigma_at(loop, pose) * rng.random(), errors)
             before = rank_of(cells, pose, memory.course.leading)
             rank = rank_of(cells, after, memory.course.leading)
             if before == TOO_HIGH:
@@ -200,9 +207,8 @@ def drive(
         any_memory: the memory at the start is drawn, too; otherwise that of a new goal.
     """
     loop, cells = loop_of(certificate), cells_of(certificate)
-    sigma = loop.contract.sigma_max
-    resting = leaving_radius(loop.law, sigma, 0.0)
-    surely = max(resting - loop.contract.eps_position, 1e-9) if any_memory else 0.0
+    resting = leaving_radius(loop.law, loop.contract.sigma_max, 0.0)
+    surely = max(resting - loop.contract.at(resting).eps_position, 1e-9) if any_memory else 0.0
     drawn = surely, longest_reach(resting, loop.law.tolerance)
 
     def part(first: int) -> tuple[Array, NDArray[np.int64]]:

@@ -13,7 +13,7 @@ from diffbot_core.geometry import Pose
 from diffbot_lab.stability.adversary.search import CANDIDATES, STEPS, noise_of, score
 from diffbot_lab.stability.compiled import compile_bounds
 from diffbot_lab.stability.file import Certificate
-from diffbot_lab.stability.runs import ContractLoop, drive, next_pose, sample
+from diffbot_lab.stability.runs import ContractLoop, drive, next_pose, sample, sigma_at
 
 Array = NDArray[np.float64]
 
@@ -54,7 +54,7 @@ def _play(loop: ContractLoop, start: Any, weights: Any, path: Any) -> None:
         best, best_pose, best_memory = -math.inf, pose, memory
         for candidate in range(CANDIDATES):
             errors = errors_of(candidate, pose)
-            after, after_memory = next_pose(loop, pose, memory, loop.contract.sigma_max, errors)
+            after, after_memory = next_pose(loop, pose, memory, sigma_at(loop, pose), errors)
             value = score(after, weights)
             if value > best:
                 best, best_pose, best_memory = value, after, after_memory

@@ -31,12 +31,12 @@ def verify(certificate: Certificate, threads: int | None = None) -> None:
     Raises:
         DiffbotError: naming the first thing that is not proved.
     """
-    law = requesting(certificate.config, certificate.plan)
-    loop = numbers_of(law, certificate.plan)
+    law, seed = requesting(certificate.config, certificate.plan), certificate.plan.at(certificate.claims.seed)
+    loop = numbers_of(law, seed)
     _check_claims(certificate)
-    _check_local(certificate, law, loop)
+    _check_local(certificate, law, loop, seed.contract.sigma_max)
     _check_inside(certificate, loop)
-    _check_cells(certificate, loop, threads)
+    _check_cells(certificate, law, threads)
 
 
 def _check_claims(certificate: Certificate) -> None:
@@ -62,9 +62,9 @@ def _rows_within(certificate: Certificate, distance: float) -> int:
     return int((certificate.rho[:-1] <= distance).sum())
 
 
-def _check_local(certificate: Certificate, law: ControllerConfig, loop: Numbers) -> None:
-    """Omega_L does not last beyond the seed of the core."""
-    sigma_max, seed = certificate.plan.contract.sigma_max, certificate.claims.seed
+def _check_local(certificate: Certificate, law: ControllerConfig, loop: Numbers, sigma_max: float) -> None:
+    """Omega_L does not last beyond the seed of the core, by the contract of a robot within it."""
+    seed = certificate.claims.seed
     farthest = farthest_local(loop, law, sigma_max)
     if not farthest <= seed:
         raise DiffbotError(f"not verified: claims.seed = {seed:g} m, Omega_L may lead to {farthest:.4f} m")
@@ -80,12 +80,13 @@ def _check_inside(certificate: Certificate, loop: Numbers) -> None:
         raise DiffbotError(f"not verified: a step from within {inside:g} m may lead to {reach:.4f} m, beyond the seed")
 
 
-def _check_cells(certificate: Certificate, loop: Numbers, threads: int | None) -> None:
+def _check_cells(certificate: Certificate, law: ControllerConfig, threads: int | None) -> None:
     """Every cell of a rank leads only to smaller ranks, or stays in the core."""
     cells, rows = cells_of(certificate), range(len(certificate.alphas))
+    loops = [numbers_of(law, certificate.plan.at(float(rho))) for rho in certificate.rho[1:]]
     pool = ThreadPoolExecutor(threads)
     try:
-        found = pool.map(lambda row: int(failing_kernel(loop, cells, row)), rows)
+        found = pool.map(lambda row: int(failing_kernel(loops[row], cells, row)), rows)
         for row, failing in zip(rows, tqdm(found, "verify", len(rows), unit="row", disable=None), strict=True):
             if failing >= 0:
                 _refuse(certificate, row, failing)

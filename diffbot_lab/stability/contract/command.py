@@ -19,7 +19,7 @@ from diffbot_lab.arena.entries import OWN_NAME, entries_for
 from diffbot_lab.arena.runs import case_of
 from diffbot_lab.arena.tuning import TRAINING_SEED
 from diffbot_lab.cases import Configuration, make_case
-from diffbot_lab.stability.contract.deviations import deviations_of
+from diffbot_lab.stability.contract.deviations import ON_LEG, deviations_of
 from diffbot_lab.stability.contract.kept import fitted, holds_from, kept, share_of
 from diffbot_lab.stability.contract.report import table
 from diffbot_lab.stability.plan import Contract, Plan, requesting
@@ -110,7 +110,7 @@ def run_contract(runs: list[Runs], contract: Contract, seed: int) -> dict[str, A
 
 
 def observe(runs: Runs, contract: Contract, seed: int, bar: Any = None) -> Array:
-    """Run a case; return the deviations (runs, steps, 6) from its law as it requests.
+    """Run a case; return the deviations (runs, steps, 7) from its law as it requests.
 
     Args:
         runs: what is run.
@@ -135,7 +135,7 @@ def figures(runs: Runs, deviations: Array, contract: Contract) -> dict[str, Any]
     """Return the share of the runs in each window, from when on the contract holds, and bounds that would hold."""
     within, t_s = kept(deviations, contract), runs.case.plant.sampling_time
     parts = [slice(round(begin / t_s), round(end / t_s) + 1) for begin, end in WINDOWS]
-    since = holds_from(within, deviations[..., -1] > 0.0, t_s)
+    since = holds_from(within, deviations[..., ON_LEG] > 0.0, t_s)
     return {
         "duration": round(within.shape[1] * t_s, 9),
         "windows": [
@@ -143,7 +143,7 @@ def figures(runs: Runs, deviations: Array, contract: Contract) -> dict[str, Any]
             for (begin, end), part in zip(WINDOWS, parts, strict=True)
         ],
         "holds_from": times(since),
-        "fitted": fitted(deviations[:, parts[-1]], SHARE),
+        "fitted": fitted(deviations[:, parts[-1]], contract, SHARE),
     }
 
 

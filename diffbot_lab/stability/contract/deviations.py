@@ -24,7 +24,9 @@ from diffbot_sim.model.plant import integrate
 Array = NDArray[np.float64]
 
 BOUNDED = ("eps_position", "eps_theta", "sigma_max", "eps_v", "eps_omega")
-"""Fields of the contract that are the columns of deviations, in this order; then 1 on a leg of the finish, else 0."""
+"""Fields of the contract that are the columns of deviations, in this order ..."""
+ON_LEG, DISTANCE = len(BOUNDED), len(BOUNDED) + 1
+"""... then 1 on a leg of the finish, else 0, and the true distance [m] from the goal, the coasted one"""
 _SAME = 1e-9
 """[m/s] and [rad/s] by which a command of the history may differ from the law's: rounding"""
 
@@ -32,10 +34,10 @@ _SAME = 1e-9
 def deviations(
     config: ControllerConfig, law: ControllerConfig, wheel_error: float, t_s: float, history: Any, out: Any
 ) -> bool:
-    """Fill ``out`` (steps, 6) from one history (steps + 1, 10) of a run to the origin.
+    """Fill ``out`` (steps, 7) from one history (steps + 1, 10) of a run to the origin.
 
-    The law is run again on what it was given. Where the pose is not known, or the heading not as well as the goal asks
-    for, the deviations are infinite.
+    The law is run again on what it was given. Where the pose is not known, or in Omega_L the heading not as well as the
+    goal asks for, the deviations are infinite.
 
     Args:
         config: of the controller.
@@ -43,7 +45,7 @@ def deviations(
         wheel_error: of the contract.
         t_s: [s]
         history: see ``HISTORY_COLUMNS``.
-        out: rows of BOUNDED, and whether a leg is driven.
+        out: rows of BOUNDED, ON_LEG and DISTANCE.
 
     Returns:
         False if the law's commands are not those of the history.
@@ -55,7 +57,7 @@ def deviations(
         if math.isnan(row[3]):
             known = False
             if index < len(out):
-                out[index, :5] = math.inf
+                out[index, :ON_LEG] = math.inf
             continue
         estimate = Estimate(Pose(row[3], row[4], row[5]), Uncertainty(row[8], row[9]))
         truth = Estimate(Pose(row[0], row[1], row[2]), estimate.uncertainty)
@@ -76,8 +78,9 @@ def deviations(
         known, is_far, before = True, memory.switching.region == OMEGA_G, true.pose
         out[index, 0] = math.hypot(seen.pose.x - true.pose.x, seen.pose.y - true.pose.y)
         out[index, 1] = abs(wrap_angle(seen.pose.theta - true.pose.theta))
-        out[index, 2], out[index, 5] = seen.uncertainty.xy, 1.0 if is_leg(memory.finish) else 0.0
-        if not knowable_heading(config.tolerance, seen.uncertainty):
+        out[index, 2], out[index, ON_LEG] = seen.uncertainty.xy, 1.0 if is_leg(memory.finish) else 0.0
+        out[index, DISTANCE] = math.hypot(true.pose.x, true.pose.y)
+        if not is_far and not knowable_heading(config.tolerance, seen.uncertainty):
             out[index, 2] = math.inf
         if not abs(command.v - row[6]) + abs(command.omega - row[7]) < _SAME:
             return False
@@ -117,12 +120,12 @@ _all_kernel = compile_bounds(_all)
 def deviations_of(
     config: ControllerConfig, law: ControllerConfig, wheel_error: float, t_s: float, histories: Array
 ) -> Array:
-    """Return the deviations (runs, steps, 6) of histories (runs, steps + 1, 10); see :func:`deviations`.
+    """Return the deviations (runs, steps, 7) of histories (runs, steps + 1, 10); see :func:`deviations`.
 
     Raises:
         DiffbotError: for histories of another law or configuration.
     """
-    out = np.zeros((histories.shape[0], histories.shape[1] - 1, len(BOUNDED) + 1))
+    out = np.zeros((histories.shape[0], histories.shape[1] - 1, DISTANCE + 1))
     if _all_kernel(config, law, wheel_error, t_s, histories, out) < len(histories):
         raise DiffbotError("the histories are not those of this law: a step gives another command")
     return out

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from diffbot_core.errors import InvalidValueError
 from diffbot_lab.campaign.statistics import wilson
-from diffbot_lab.stability.contract.deviations import BOUNDED
-from diffbot_lab.stability.plan import Contract
+from diffbot_lab.stability.contract.deviations import BOUNDED, DISTANCE
+from diffbot_lab.stability.plan import SLOPES, Contract
 
 Mask = NDArray[np.bool_]
 Array = NDArray[np.float64]
@@ -31,11 +31,19 @@ def kept(deviations: Array, contract: Contract) -> Mask:
     """Return (runs, steps) where all that a contract bounds is within its bounds.
 
     Args:
-        deviations: (runs, steps, 6), see :mod:`diffbot_lab.stability.contract.deviations`.
+        deviations: (runs, steps, 7), see :mod:`diffbot_lab.stability.contract.deviations`.
         contract: its bounds.
     """
     bounds = np.array([getattr(contract, name) for name in BOUNDED])
-    return np.asarray((deviations[..., : len(BOUNDED)] <= bounds).all(axis=-1))
+    return np.asarray((_beyond_slopes(deviations, contract) <= bounds).all(axis=-1))
+
+
+def _beyond_slopes(deviations: Array, contract: Contract) -> Array:
+    """Return the deviations of BOUNDED less what the contract adds to their bounds at the distance of each."""
+    beyond = deviations[..., : len(BOUNDED)].copy()
+    for column, name in enumerate(SLOPES):
+        beyond[..., column] -= getattr(contract, name) * deviations[..., DISTANCE]
+    return beyond
 
 
 def share_of(within: Mask) -> Kept:
@@ -66,15 +74,16 @@ def holds_from(within: Mask, on_leg: Mask, t_s: float) -> Array:
     return times
 
 
-def fitted(deviations: Array, share: float) -> dict[str, float]:
+def fitted(deviations: Array, contract: Contract, share: float) -> dict[str, float]:
     """Return bounds that a share of the runs keeps in all of these steps, each by itself; two digits, rounded up.
 
     Args:
-        deviations: (runs, steps, 6).
+        deviations: (runs, steps, 7).
+        contract: whose slopes are kept.
         share: of the runs.
     """
     found = {}
-    for name, worst in zip(BOUNDED, deviations.max(axis=1).T, strict=False):
+    for name, worst in zip(BOUNDED, _beyond_slopes(deviations, contract).max(axis=1).T, strict=True):
         value = max(float(np.quantile(worst, share, method="inverted_cdf")), _LEAST)
         digit = 10.0 ** (math.floor(math.log10(value)) - 1) if value < math.inf else 1.0
         found[name] = round(math.ceil(value / digit) * digit, 9) if value < math.inf else math.inf

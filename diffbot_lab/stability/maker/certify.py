@@ -7,7 +7,7 @@ stays.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -22,7 +22,7 @@ from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_lab.stability.file import MAX_CELLS, Certificate, Claims
 from diffbot_lab.stability.maker.images import number_of_slices
 from diffbot_lab.stability.maker.law import TunedLoop, approach
-from diffbot_lab.stability.maker.near import NearBounds, longest_step, near_bounds
+from diffbot_lab.stability.maker.near import longest_step, near_bounds
 from diffbot_lab.stability.maker.table import (
     CORE,
     UNRANKED,
@@ -39,6 +39,8 @@ from diffbot_lab.stability.maker.table import (
 from diffbot_lab.stability.plan import Plan, check_plan, requesting
 from diffbot_sim.compiled.jit import law_version
 
+_FARTHER = 1.02
+"""step of the search for a distance that Omega_L does not outlast: the bounds grow with it, but more slowly"""
 _AT_ONCE = 1.25
 """rows up to this multiple of the innermost one without a rank are halved at a time"""
 _NARROWEST = 0.01
@@ -99,9 +101,31 @@ def steps_from(table: Table, ranks: NDArray[np.int16], distance: float) -> int:
     return int(ranks.max(initial=0))
 
 
-def table_of(loop: TunedLoop, near: NearBounds, plan: Plan) -> tuple[Table, float]:
-    """Return the cells of a plan, and the radius [m] of the core's seed: every state within it may recur."""
-    seed = near.holding + plan.margin
+def holding_radius(law: ControllerConfig, plan: Plan) -> float:
+    """True distance [m] at which Omega_L ends at the latest, by the contract of a robot within that distance.
+
+    Raises:
+        DiffbotError: if there is none where the robot starts: the bounds of the estimate grow too fast.
+    """
+    within = 0.0
+    while within < plan.to:
+        here = plan.at(within)
+        holding = near_bounds(tuned_loop(law, here), law, here.contract.sigma_max).holding
+        if holding <= within or here == plan:
+            return holding
+        within = holding * _FARTHER
+    raise DiffbotError(f"no certificate: Omega_L may last as far as {plan.to:g} m, where the robot starts")
+
+
+def table_of(loop: TunedLoop, near: float, plan: Plan) -> tuple[Table, float]:
+    """Return the cells of a plan, and the radius [m] of the core's seed: every state within it may recur.
+
+    Args:
+        loop: by the contract of a robot within the seed.
+        near: [m] at which Omega_L ends at the latest.
+        plan: contract, start and cells.
+    """
+    seed = near + plan.margin
     inside = seed - 0.1
     # No command in Omega_G or Omega_L leads from inside beyond the seed.
     for _ in range(20):
@@ -157,21 +181,24 @@ def certify(config: ControllerConfig, plan: Plan, threads: int | None = None) ->
     """
     check_plan(plan)
     law = requesting(config, plan)
-    loop = tuned_loop(law, plan)
-    near = near_bounds(loop, law, plan.contract.sigma_max)
-    table, seed = table_of(loop, near, plan)
-    images = _images_of_rows(loop, table, range(len(table.rho) - 1), threads)
+    near = holding_radius(law, plan)
+    table, seed = table_of(tuned_loop(law, plan.at(near + plan.margin)), near, plan)
+
+    def images_of(table: Table, rows: Iterable[int]) -> list[Boxes]:
+        return _images_of_rows(lambda rho: tuned_loop(law, plan.at(rho)), table, list(rows), threads)
+
+    images = images_of(table, range(len(table.rho) - 1))
     ranks = np.full(int(table.start[-1]), UNRANKED, np.int16)
     ranks[: table.start[seed_rows(table, seed)]] = CORE
     _spread(table, images, ranks)
     _rank(table, images, ranks)
-    while (split := rows_to_split(table, ranks, plan.to, loop.t_s * loop.v_max)).any():
+    while (split := rows_to_split(table, ranks, plan.to, plan.period * law.data_sheet.v_max)).any():
         finer, old = with_rows_split(table, split)
         # What has a rank keeps it: a half leads where the whole does.
         ranks = np.concatenate([ranks[table.start[row] : table.start[row + 1]] for row in old])
         table, fresh = finer, np.flatnonzero(split[old])
         images = [images[row] for row in old]
-        for row, found in zip(fresh, _images_of_rows(loop, table, fresh, threads), strict=True):
+        for row, found in zip(fresh, images_of(table, fresh), strict=True):
             images[row] = found
         _rank(table, images, ranks)
     claims = Claims(core_radius(table, ranks), float(plan.to), steps_from(table, ranks, plan.to), seed)
@@ -200,15 +227,16 @@ def rows_to_split(table: Table, ranks: NDArray[np.int16], distance: float, longe
     return np.asarray(split)
 
 
-def _images_of_rows(loop: TunedLoop, table: Table, rows: Iterable[int], threads: int | None) -> list[Boxes]:
-    rows = list(rows)
+def _images_of_rows(
+    loop_at: Callable[[float], TunedLoop], table: Table, rows: list[int], threads: int | None
+) -> list[Boxes]:
     with (
         ThreadPoolExecutor(threads) as pool,
         tqdm(total=len(rows), desc="images", unit="row", disable=None) as bar,
     ):
         found = []
         try:
-            for one in pool.map(lambda row: boxes_of_row(loop, table, row), rows):
+            for one in pool.map(lambda row: boxes_of_row(loop_at(float(table.rho[row + 1])), table, row), rows):
                 found.append(one)
                 bar.update()
         except KeyboardInterrupt:

@@ -8,7 +8,7 @@ import pytest
 
 from diffbot_core.errors import DiffbotError
 from diffbot_lab.stability.contract import command
-from diffbot_lab.stability.contract.deviations import deviations_of
+from diffbot_lab.stability.contract.deviations import DISTANCE, deviations_of
 from diffbot_lab.stability.contract.kept import fitted, holds_from, kept, share_of
 from diffbot_lab.stability.plan import Contract, Plan, requesting
 from diffbot_sim.compiled.batch import Starts, run_histories
@@ -20,11 +20,23 @@ BOUNDS = Contract(eps_v=0.01, eps_omega=0.02)
 
 
 def test_a_contract_is_kept_where_all_is_within_its_bounds():
-    deviations = np.zeros((1, 7, 6))
+    deviations = np.zeros((1, 7, 7))
     deviations[0, 1:, :5] = np.diag([0.061, 0.031, 0.027, 0.011, 0.021, 0.0])[:, :5]
     deviations[0, 6, :5] = 0.06, 0.03, 0.026, 0.01, 0.02
     deviations[..., 5] = 1.0
     assert kept(deviations, BOUNDS).tolist() == [[True, False, False, False, False, False, True]]
+
+
+def test_slopes_allow_the_estimate_more_far_from_the_goal():
+    deviations = np.zeros((1, 4, 7))
+    deviations[0, :, :3] = 0.1, 0.07, 0.056
+    deviations[0, :, DISTANCE] = 2.01, 1.9, 2.1, 20.0
+    sloped = BOUNDS._replace(position_slope=0.02, theta_slope=0.02, sigma_slope=0.015)
+    assert kept(deviations, sloped).tolist() == [[True, False, True, True]]
+    deviations[0, 3, 3] = 0.011
+    assert kept(deviations, sloped).tolist() == [[True, False, True, False]]
+    assert fitted(deviations[:, :1], sloped, 1.0)["sigma_max"] == pytest.approx(0.026)
+    assert sloped.at(2.0) == pytest.approx(BOUNDS._replace(eps_position=0.1, eps_theta=0.07, sigma_max=0.056))
 
 
 def test_the_share_of_the_runs_has_wilsons_interval():
@@ -43,13 +55,13 @@ def test_the_contract_holds_from_the_step_after_the_last_break_without_a_leg():
 
 
 def test_fitted_bounds_are_kept_by_their_share_of_the_runs():
-    deviations = np.zeros((10, 3, 6))
+    deviations = np.zeros((10, 3, 7))
     deviations[:, 1, 0] = 0.01 * np.arange(1.0, 11.0)
     deviations[:, 2, 2] = math.inf
-    assert fitted(deviations, 0.5) == pytest.approx(
+    assert fitted(deviations, BOUNDS, 0.5) == pytest.approx(
         {"eps_position": 0.05, "eps_theta": 0.001, "sigma_max": math.inf, "eps_v": 0.001, "eps_omega": 0.001}
     )
-    assert fitted(deviations, 1.0)["eps_position"] == pytest.approx(0.1)
+    assert fitted(deviations, BOUNDS, 1.0)["eps_position"] == pytest.approx(0.1)
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +73,7 @@ def test_deviations_of_a_base_that_obeys_are_the_errors_of_the_estimate_alone(no
     case = nominal.case
     histories = run_histories(case, Starts(nominal.starts), SEED, 0, 4)
     found = command.observe(nominal, Contract(), SEED)
-    # As of the first measured pose, and as long as the heading is known.
+    # As of the first measured pose, and as long as the heading is known in Omega_L.
     known = np.isfinite(found[..., :3]).all(axis=-1)
     assert known[:, 50:].all()
     errors = histories[:, :-1, 3:6] - histories[:, :-1, :3]
@@ -69,6 +81,7 @@ def test_deviations_of_a_base_that_obeys_are_the_errors_of_the_estimate_alone(no
     wrapped = np.abs(np.remainder(errors[known, 2] + math.pi, 2.0 * math.pi) - math.pi)
     np.testing.assert_allclose(found[known, 1], wrapped, atol=1e-12)
     np.testing.assert_array_equal(found[known, 2], histories[:, :-1, 8][known])
+    np.testing.assert_array_equal(found[known, DISTANCE], np.hypot(*histories[:, :-1, :2][known].T))
     assert found[known][:, 3:5].max() < 1e-9
     # Wheels that are off by less than the plant's are not enough.
     assert command.observe(nominal, Contract(wheel_error=0.04), SEED)[known][:, 3].max() > 1e-3

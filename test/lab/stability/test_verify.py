@@ -13,6 +13,7 @@ from diffbot_lab.stability.file import first_cells
 from diffbot_lab.stability.maker import certify as maker
 from diffbot_lab.stability.maker.certify import tuned_loop
 from diffbot_lab.stability.plan import Contract, Plan
+from diffbot_lab.stability.runs import drive
 
 CONFIG = ControllerConfig()
 CELL = "not verified: the cell rho"
@@ -128,6 +129,17 @@ def test_a_certificate_of_another_law_or_contract_is_found(certificate):
     contract = certificate.plan.contract._replace(eps_position=0.062)
     with pytest.raises(DiffbotError, match="not verified"):
         verify(certificate._replace(plan=certificate.plan._replace(contract=contract)))
+
+
+def test_bounds_that_grow_with_the_distance_are_checked_at_each_distance(plan, certificate):
+    contract = Contract(position_slope=0.01, theta_slope=0.01, sigma_slope=0.002)
+    sloped = maker.certify(CONFIG, plan._replace(contract=contract))
+    assert sloped.claims.steps > certificate.claims.steps
+    verify(sloped)
+    assert drive(sloped, 200, 1.9, sloped.claims.steps, 1, any_memory=False)[0].broken == 0
+    for steeper in ({"position_slope": 0.012}, {"theta_slope": 0.015}, {"sigma_slope": 0.02}):
+        with pytest.raises(DiffbotError, match="not verified"):
+            verify(sloped._replace(plan=plan._replace(contract=contract._replace(**steeper))))
 
 
 @pytest.mark.parametrize("change", [{"weight": -0.8}, {"noise": 0.06}])
