@@ -81,17 +81,24 @@ def states(results: Results) -> str:
     )
 
 
-def contract(results: Results) -> str:
-    """Return the tables of how often, and from when on, a contract is kept, and of bounds that would be."""
-    bounds, duration = results["contract"], results["cases"][0]["duration"]
-    return "\n".join(
-        [
-            f"The bounds are {bounds['eps_position']:g} m and {bounds['eps_theta']:g} rad for the errors, "
-            f"{bounds['sigma_max']:g} m for the reported standard deviation of the position, and {bounds['eps_v']:g} "
-            f"m/s and {bounds['eps_omega']:g} rad/s for the base. Runs of {duration:g} s with the default law and "
-            f"filter, seed {results['seed']} (not used for tuning). Share of the runs that keep all bounds in every "
-            "step of a window, and the time from which a run keeps them to its end:",
+def contract(content: Results) -> str:
+    """Return the tables of how often, and from when on, contracts are kept, and of bounds that would be."""
+    first = content["contracts"][0]
+    lines = [
+        f"Runs of {first['cases'][0]['duration']:g} s with the default law and filter, seed {first['seed']} (not used "
+        "for tuning). Share of the runs that keep all bounds in every step of a window, and the time from which a run "
+        "keeps them to its end:"
+    ]
+    for results in content["contracts"]:
+        bounds = results["contract"]
+        slopes = "{position_slope:g} m, {theta_slope:g} rad and {sigma_slope:g} m".format(**bounds)
+        more = f", each plus {slopes} per metre from the goal" if bounds["position_slope"] > 0.0 else ""
+        lines += [
+            "",
+            f"**Within {bounds['eps_position']:g} m and {bounds['eps_theta']:g} rad, with a reported standard "
+            f"deviation of the position of at most {bounds['sigma_max']:g} m{more}**; the base within "
+            f"{bounds['eps_v']:g} m/s and {bounds['eps_omega']:g} rad/s:",
             "",
             *table_of_contract(results),
         ]
-    )
+    return "\n".join(lines)

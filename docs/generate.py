@@ -154,13 +154,16 @@ def certificates_table() -> str:
     for one in read_data(STABILITY)["certificates"]:
         contract, claims, seen = one["plan"]["contract"], one["certified"], one["observed"]
         robot, period = one["robot"], one["plan"]["period"]
+        slopes = ""
+        if contract["position_slope"] > 0.0:
+            slopes = "; plus {position_slope:g} m, {theta_slope:g} rad, {sigma_slope:g} m per metre".format(**contract)
         if "kept" in one:
             share = "{runs:.1%} ({low:.1%} to {high:.1%})".format(**one["kept"])
             robot += f"; contract measured from {one['since']:g} s on, kept in {share} of other runs"
         rows.append(
             (
                 f"{robot}; a pose each {period:g} s",
-                "{eps_position:.3g} m, {eps_theta:.2g} rad, sigma {sigma_max:.2g} m".format(**contract),
+                "{eps_position:.3g} m, {eps_theta:.2g} rad, sigma {sigma_max:.2g} m".format(**contract) + slopes,
                 "{eps_v:.2g} m/s, {eps_omega:.2g} rad/s".format(**contract),
                 f"{claims['start']:.3g} m",
                 f"{claims['radius']:.3f} m",

@@ -66,6 +66,8 @@ CERTIFIED_ROBOT, SINCE = "turtlebot4", 10.0
 LIMITS = {"linear.x.max_acceleration": 0.5, "angular.z.max_acceleration": 1.5}
 """... and limits of the acceleration, which are certified with this bound of the base:"""
 LIMITED = Contract(eps_v=0.02, eps_omega=0.1)
+ON_THE_WAY = Contract(0.13, 0.075, 0.053, position_slope=0.02, theta_slope=0.02, sigma_slope=0.01)
+"""Rounded up from what 99.9 % of 600 runs each of `nominal` and `random_far` keep from 3 s on, with seed 11."""
 ATTACK_STEPS, ATTACK_RUNS, ATTACK_SEED = 1_000_000, 100_000, 1
 """Of the random errors against each certificate."""
 PAPER_RUNS = 100
@@ -181,11 +183,16 @@ def write_contract() -> None:
     not matter.
     """
     robots = [runs_of_robot(read_robot(name), RUNS_OF_ROBOT, SEED) for name in ROBOTS]
-    write_json(DATA / f"{CONTRACT}.json", run_contract([*runs_of_arena(RUNS, SEED), *robots], LIMITED, SEED))
+    runs, base = (
+        [*runs_of_arena(RUNS, SEED), *robots],
+        {name: getattr(LIMITED, name) for name in ("eps_v", "eps_omega")},
+    )
+    contracts = (LIMITED, ON_THE_WAY._replace(**base))
+    write_json(DATA / f"{CONTRACT}.json", {"contracts": [run_contract(runs, one, SEED) for one in contracts]})
 
 
 def write_stability() -> None:
-    """Certify three robots; check and attack each certificate."""
+    """Certify three robots, one with two contracts; check and attack each certificate."""
     results: list[dict[str, Any]] = []
     with tempfile.TemporaryDirectory() as folder:
         path, out = Path(folder) / "certificate.json", Path(folder) / "attack"
@@ -199,6 +206,8 @@ def write_stability() -> None:
 
         certify_and_save(ControllerConfig(), Plan(), path)
         attacked("default")
+        certify_and_save(ControllerConfig(), Plan(ON_THE_WAY), path)
+        attacked("default, with a contract for the way")
         certify_and_save(build(ControllerConfig, LIMITS), Plan(LIMITED), path)
         attacked("default with 0.5 m/s^2 and 1.5 rad/s^2")
         _, share = certify_robot(CERTIFIED_ROBOT, {}, SINCE, {}, path, None)

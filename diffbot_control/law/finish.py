@@ -124,7 +124,7 @@ def next_finish(
         return _next_leg(state, local, tolerance, config)
     if rest <= 0.0 or rest < config.finish_wait:
         return no_finish(rest)
-    if not reached and uncertainty.xy < _CERTAIN * length:
+    if not reached and uncertainty.xy < certain_enough(tolerance):
         reach = _v_reach(lateral, uncertainty, tolerance)
         if not allow_backward:
             return Finish(LEAVING, 0.0, 0.0, 0, 0.0) if lateral > config.finish_begin * length else no_finish(rest)
@@ -148,6 +148,11 @@ def longest_reach(lateral: float, tolerance: GoalTolerance) -> float:
     """
     length = tolerance.xy_goal_tolerance
     return max(_REACH * length, _v_reach(lateral, CERTAIN, tolerance) + 0.5 * _MARGIN * length)
+
+
+def certain_enough(tolerance: GoalTolerance) -> float:
+    """Standard deviation [m] of the position below which a V may begin."""
+    return _CERTAIN * tolerance.xy_goal_tolerance
 
 
 def fastest_leg(config: FinishConfig) -> float:

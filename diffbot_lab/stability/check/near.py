@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 from diffbot_control.law.configuration import ControllerConfig
-from diffbot_control.law.finish import fastest_leg, longest_reach
+from diffbot_control.law.finish import certain_enough, fastest_leg, longest_reach
 from diffbot_control.law.regions import LEAVE_SIGMAS, RETREAT_MARGIN
 from diffbot_core.errors import DiffbotError
 from diffbot_lab.stability.check.commands import (
@@ -113,9 +113,10 @@ def local_reach(loop: Numbers, rho: float) -> float:
 def farthest_local(loop: Numbers, config: ControllerConfig, sigma_max: float) -> float:
     """Largest true distance [m] at which Omega_L may still be in force, or just be left.
 
-    A leg begins at a pose that does not count as outside: its lateral error is at most the radius without a leg.
+    A V begins at a pose that does not count as outside, with a position that is certain enough: its lateral error is at
+    most the radius without a leg and with that deviation.
     """
-    lateral = leaving_radius(config, sigma_max, 0.0)
+    lateral = leaving_radius(config, min(sigma_max, certain_enough(config.tolerance)), 0.0)
     leaving = leaving_radius(config, sigma_max, longest_reach(lateral, config.tolerance))
     leg = step_bound(loop, fastest_leg(config.finish))
     rho = leaving + loop.eps_rho

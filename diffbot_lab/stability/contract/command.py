@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 RUNS = {"nominal": 2040, "random_far": 1000, "coloured_05": 510, "mix": 510}
 """Cases of the arena, and the runs of each by default."""
 RUNS_OF_ROBOT = 500
-WINDOWS = ((5.0, 10.0), (10.0, 45.0), (15.0, 45.0), (20.0, 45.0))
+WINDOWS = ((3.0, 45.0), (10.0, 45.0), (15.0, 45.0), (20.0, 45.0))
 """[s] since the start, both ends included"""
 SEED = 9017
 """Of noise and random starts; nothing was tuned on it."""

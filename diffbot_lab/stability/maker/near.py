@@ -4,7 +4,8 @@ In Omega_L the noise can shift the robot sideways for ever, a fraction of a mill
 the switch: after ``eps_P_leave_steps`` poses in a row measured beyond the leaving radius, Omega_G is in force. So the
 true distance is at most that radius, the error of the estimate, and the way outwards of as many steps. In each of these
 the robot drives to the goal as it sees it, or a leg of the finish. The leaving radius grows with the reach of the leg.
-A leg begins at rest, measured within the radius without one: that bounds the lateral error, and with it the reach.
+A V begins at rest, with a position that is certain enough, and measured within the radius without a leg: that bounds
+the lateral error, and with it the reach.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from diffbot_control.law.configuration import ControllerConfig
-from diffbot_control.law.finish import fastest_leg, longest_reach
+from diffbot_control.law.finish import certain_enough, fastest_leg, longest_reach
 from diffbot_control.law.regions import LEAVE_SIGMAS, RETREAT_MARGIN
 from diffbot_core.errors import DiffbotError
 from diffbot_lab.stability.compiled import compile_bounds
@@ -111,7 +112,8 @@ def near_bounds(loop: TunedLoop, config: ControllerConfig, sigma_max: float) -> 
         DiffbotError: for a configuration that is not covered.
     """
     resting = resting_radius(config, sigma_max)
-    leaving = max(resting, RETREAT_MARGIN * longest_reach(resting, config.tolerance) + _ROUNDING)
+    lateral = resting_radius(config, min(sigma_max, certain_enough(config.tolerance)))
+    leaving = max(resting, RETREAT_MARGIN * longest_reach(lateral, config.tolerance) + _ROUNDING)
     leg = longest_step(loop, min(fastest_leg(config.finish), loop.v_max))
     steps = config.region_policy.covariance.eps_P_leave_steps
     return NearBounds(resting, leaving, _after_leaving(loop, leaving, steps, leg))

@@ -14,6 +14,7 @@ from diffbot_control.law.finish import (
     V_LEG,
     Finish,
     Standing,
+    certain_enough,
     fastest_leg,
     finish_command,
     is_leg,
@@ -57,6 +58,7 @@ def test_no_leg_of_the_finish_goes_farther_or_faster_than_the_bounds(tolerance, 
     goal, local = CONFIG.tolerance._replace(xy_goal_tolerance=tolerance), Pose(x, y, 0.0)
     state, rest = Finish(), Standing(10.0, reached, backward)
     state = next_finish(state, local, rest, Uncertainty(sigma, 0.01), goal, CONFIG.finish)
+    assert state.kind != V_LEG or sigma < certain_enough(goal)
     while is_leg(state):
         assert state.reach <= longest_reach(abs(y), goal)
         far = Pose(-9.0 * state.side, 0.0, 0.0)

@@ -11,7 +11,7 @@ from diffbot_tools import cli
 
 SMALL = [
     *("--eps-position", "0.02", "--eps-theta", "0.01", "--sigma-max", "0.02"),
-    *("--rho-max", "1.5", "--fineness", "0.4", "--margin", "1.0"),
+    *("--sigma-slope", "0.001", "--rho-max", "1.5", "--fineness", "0.4", "--margin", "1.0"),
 ]
 
 
@@ -25,12 +25,14 @@ def test_a_certificate_is_made_verified_and_attacked(tmp_path, capsys, monkeypat
     assert certificate.claims.radius <= printed < certificate.claims.radius + 1e-4
     contract = {"eps_position": 0.02, "eps_theta": 0.01, "sigma_max": 0.02}
     contract |= {"wheel_error": 0.05, "eps_v": 0.0, "eps_omega": 0.0}
+    contract |= {"position_slope": 0.0, "theta_slope": 0.0, "sigma_slope": 0.001}
     expected = {"contract": contract, "period": 0.1, "to": 1.5, "margin": 1.0, "fineness": 0.4}
     content = json.loads(path.read_text())
     assert content["plan"] == expected
     assert cli.main(["stability", "verify", str(path)]) == 0
     shown = capsys.readouterr().out
     assert "the estimate is within 0.02 m and 0.01 rad,\n  its standard deviation at most 0.02 m,\n" in shown
+    assert "each plus 0 m, 0 rad and 0.001 m per metre from the goal" in shown
     assert "random steps keep to the ranks." in shown
     monkeypatch.setattr(adversary, "_GENERATIONS", 1)
     arguments = ["stability", "adversary", str(path), "--steps", "5000", "--runs", "50", "--out", str(out)]

@@ -33,7 +33,7 @@ def with_first(values, value):
 
 
 HOSTILE = [
-    ({"format": "diffbot stability tuned 1"}, "is no file of the format 'diffbot stability tuned 3'"),
+    ({"format": "diffbot stability tuned 3"}, "is no file of the format 'diffbot stability 4'"),
     ({"plan.to": 1e9}, "to = 1000000000.0: must be from 0.1 to 1000"),
     ({"plan.contract.sigma_max": math.nan}, "sigma_max = nan: must be from 1e-06 to 0.999"),
     ({"controller.command_latency": 0.1}, "eps_v = 0.0: must be above 0 with"),
