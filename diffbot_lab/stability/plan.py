@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 from diffbot_control.law.braking_step import gains_in_force
 from diffbot_control.law.configuration import BRAKING, GIVEN, ControllerConfig
 from diffbot_control.law.regions import COVARIANCE
-from diffbot_core.data_sheet import rim_speed
+from diffbot_core.data_sheet import DataSheet, rim_speed
 from diffbot_core.errors import InvalidValueError
 from diffbot_lab.stability.result_file import check_number
 from diffbot_sim.model.plant import PlantConfig
@@ -42,7 +42,8 @@ class Contract(NamedTuple):
     """[-] bound of the relative error of each wheel's speed"""
     eps_v: float = 0.0
     """[m/s] distance of the base after a step from where the requested motion ends, per time, beyond the errors of the
-    wheels; in Omega_L any motion is allowed that is faster than the legs of the finish by no more than that"""
+    wheels; in Omega_L any motion is allowed that is faster than the legs of the finish by no more than that, unless
+    this and ``eps_omega`` are 0"""
     eps_omega: float = 0.0
     """[rad/s] difference from the requested rotation, beyond the errors of the wheels; in Omega_L any rotation is
     allowed that is faster than ``omega_max`` by no more than that"""
@@ -128,17 +129,26 @@ def requesting(config: ControllerConfig, plan: Plan) -> ControllerConfig:
         _require(name, getattr(sheet, name), getattr(sheet, name) < inf, "finite")
     most = rim_speed(sheet) / (0.5 * sheet.wheels.wheel_separation)
     _require("omega_max", sheet.omega_max, sheet.omega_max <= _ROUNDED * most, f"at most {most:g}")
-    obedient = sheet._replace(
-        a_max=inf, omega_dot_max=inf, command_latency=0.0, drive_time_constant=0.0, min_velocity=0.0, min_rotation=0.0
-    )
-    if sheet != obedient:
+    if sheet != obedient(sheet):
         for name in ("eps_v", "eps_omega"):
             value = getattr(plan.contract, name)
             _require(name, value, value > 0.0, "above 0 with limits of the acceleration, dead time, lag or dead band")
     return config._replace(
         profile_gains=gains_in_force(config, plan.period),
         gain_source=GIVEN,
-        data_sheet=obedient._replace(omega_max=min(sheet.omega_max, most)),
+        data_sheet=obedient(sheet)._replace(omega_max=min(sheet.omega_max, most)),
+    )
+
+
+def obedient(sheet: DataSheet) -> DataSheet:
+    """Return the data sheet of the same base that does at once what is requested, as fast as it may."""
+    return sheet._replace(
+        a_max=math.inf,
+        omega_dot_max=math.inf,
+        command_latency=0.0,
+        drive_time_constant=0.0,
+        min_velocity=0.0,
+        min_rotation=0.0,
     )
 
 

@@ -19,6 +19,7 @@ from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import Estimate, Uncertainty
 from diffbot_lab.stability.compiled import compile_bounds
+from diffbot_lab.stability.plan import obedient
 from diffbot_sim.model.plant import integrate
 
 Array = NDArray[np.float64]
@@ -32,7 +33,13 @@ _SAME = 1e-9
 
 
 def deviations(
-    config: ControllerConfig, law: ControllerConfig, wheel_error: float, t_s: float, history: Any, out: Any
+    config: ControllerConfig,
+    law: ControllerConfig,
+    wheel_error: float,
+    t_s: float,
+    obeys: bool,
+    history: Any,
+    out: Any,
 ) -> bool:
     """Fill ``out`` (steps, 7) from one history (steps + 1, 10) of a run to the origin.
 
@@ -44,6 +51,7 @@ def deviations(
         law: the same as it requests.
         wheel_error: of the contract.
         t_s: [s]
+        obeys: the base does at once what is requested, in Omega_L, too.
         history: see ``HISTORY_COLUMNS``.
         out: rows of BOUNDED, ON_LEG and DISTANCE.
 
@@ -65,7 +73,7 @@ def deviations(
         _, true = coasted_estimate(memory, truth, dt, config)
         if known:
             beside, turned = motion_errors(before, true.pose, requested, (wheel_error, half, t_s))
-            if not is_far:
+            if not (is_far or obeys):
                 speed = math.hypot(true.pose.x - before.x, true.pose.y - before.y) / t_s
                 rotation = abs(wrap_angle(true.pose.theta - before.theta)) / t_s
                 beside = min(beside, max(speed - fastest_leg(config.finish), 0.0))
@@ -106,11 +114,11 @@ def motion_errors(
     return beside, max(abs(omega - requested.omega) - allowed / half, 0.0)
 
 
-def _all(config: Any, law: Any, wheel_error: float, t_s: float, histories: Any, out: Any) -> int:
+def _all(config: Any, law: Any, wheel_error: float, t_s: float, obeys: bool, histories: Any, out: Any) -> int:
     """Return how many runs have the law's commands."""
     same = 0
     for run in range(len(histories)):
-        same += deviations(config, law, wheel_error, t_s, histories[run], out[run])
+        same += deviations(config, law, wheel_error, t_s, obeys, histories[run], out[run])
     return same
 
 
@@ -125,7 +133,8 @@ def deviations_of(
     Raises:
         DiffbotError: for histories of another law or configuration.
     """
+    obeys = config.data_sheet == obedient(config.data_sheet)
     out = np.zeros((histories.shape[0], histories.shape[1] - 1, DISTANCE + 1))
-    if _all_kernel(config, law, wheel_error, t_s, histories, out) < len(histories):
+    if _all_kernel(config, law, wheel_error, t_s, obeys, histories, out) < len(histories):
         raise DiffbotError("the histories are not those of this law: a step gives another command")
     return out
