@@ -1,6 +1,6 @@
 """Checks every claim of a certificate of the law with braking profiles again.
 
-It shares no code with what made the certificate, only its assumptions: contract.py. The core is everything nearer than
+It shares no code with what made the certificate, only its assumptions: plan.py. The core is everything nearer than
 the first edge, the cells of rank 0, and Omega_L. Nothing may lead out of it, and each other cell of a rank only to
 smaller ones.
 """
