@@ -138,7 +138,7 @@ def farthest_local(loop: Numbers, config: ControllerConfig, sigma_max: float) ->
 
 def _counted_out(loop: Numbers, rho: float, count: int, leg: float) -> float:
     """Largest distance [m] after so many steps of Omega_L, each without a leg or a leg's way [m] outwards."""
-    for _ in range(count):
+    for _ in range(count if rho < math.inf else 0):
         rho = max(local_reach(loop, rho), rho + leg)
     return rho
 
@@ -150,17 +150,18 @@ def farthest_on_a_v(loop: Numbers, config: ControllerConfig, lateral: float) -> 
     it: farther out than where the heading is saturated, the legs lead towards the axis once they have turned. With b
     for V_HEADING and e for the error of the heading, the way outwards in one step is at most that of a leg times
     g(u) = u (b + e - u) / (2 b), u in [0, b + e] the angle beyond b. It falls by at least ``turn`` in a step, so the
-    sum is at most the integral of g over ``turn``, and the largest g.
+    sum is at most the integral of g over ``turn``, and the largest g. There is no bound, inf, if errors may keep the
+    robot from turning.
     """
     gains, b, leg = config.profile_gains, V_HEADING, step_bound(loop, fastest_leg(config.finish))
     # Once turned towards the axis, the errors do not turn it back as far as b.
     for angle in (0.5 * b, b):
         if not angle > loop.eps_theta:
-            raise DiffbotError("not verified: the heading is not known well enough for a leg of the finish")
+            return math.inf
         turned = min(profile(angle - loop.eps_theta, gains.hold_brake, gains.hold_react), loop.omega_max)
         turn = loop.t_s * (turned - loop.noise * (fastest_leg(config.finish) / loop.half + turned)) - SLACK
         if not 0.0 < turn < 0.5 * b:
-            raise DiffbotError("not verified: the errors may keep a leg of the finish from turning")
+            return math.inf
     width = b + loop.eps_theta
     drift = leg * (width**3 / (12.0 * b * turn) + width**2 / (8.0 * b))
     x = max(lateral, farthest_out(lateral, config.tolerance) + leg) + loop.eps_rho

@@ -136,12 +136,12 @@ def near_bounds(loop: TunedLoop, config: ControllerConfig, sigma_max: float) -> 
 
 
 def _after_a_v(loop: TunedLoop, config: ControllerConfig, lateral: float, steps: int, leg: float) -> float:
-    """Largest distance [m] on a V that begins measured within ``lateral`` [m], and so many steps after it."""
+    """Largest distance [m] on a V that begins measured within ``lateral`` [m], and so many steps after it; or inf."""
     begin = lateral + loop.eps_position
     behind = farthest_out(lateral, config.tolerance) + loop.eps_position + leg
     beside = max(begin, V_HEADING / LINE_GAIN + loop.eps_position + leg) + 2.0 * drift_of_a_leg(loop, config)
     reach = math.hypot(max(begin, behind), beside) + _ROUNDING
-    for _ in range(steps):
+    for _ in range(steps if reach < math.inf else 0):
         reach = local_reach(loop, reach)
     return reach
 
@@ -151,10 +151,7 @@ def drift_of_a_leg(loop: TunedLoop, config: ControllerConfig) -> float:
 
     The robot drives at the angle a beyond that heading with the share 1 - a / (2 V_HEADING) of its speed, and gets away
     from the axis with sin(a - V_HEADING): in each step with a > V_HEADING by no more than at the best of these angles.
-    It turns back all the while.
-
-    Raises:
-        DiffbotError: if errors may keep the robot from turning.
+    It turns back all the while; there is no bound, inf, if errors may keep it from that.
     """
     gains, speed = config.profile_gains, min(fastest_leg(config.finish), loop.v_max)
     rate = 0.0
@@ -163,7 +160,7 @@ def drift_of_a_leg(loop: TunedLoop, config: ControllerConfig) -> float:
         turning = min(angle * profile_gain(abs(angle), gains.hold_brake, gains.hold_react)[0], loop.omega_max)
         rate = turning - loop.wheel_error * (speed / loop.half + turning) - _ROUNDING
         if not rate > 0.0:
-            raise DiffbotError("no certificate: on a leg of the finish the errors may keep the robot from turning")
+            return math.inf
     beyond = V_HEADING + loop.eps_theta
     count = math.ceil(beyond / (loop.t_s * rate)) + 1
     return count * longest_step(loop, speed) * beyond * beyond / (8.0 * V_HEADING)
