@@ -31,8 +31,8 @@ ENDS = {
 }
 """Exit status of each end; 1 is an error such as a refused goal, 2 wrong usage."""
 TIMED_OUT, INTERRUPTED = 8, 130
-DISCOVERY_TIMEOUT = 30.0
-"""[s] within which the controller has to answer: it may just be starting"""
+DISCOVERY_TIMEOUT = 120.0
+"""[s] within which the controller has to answer: it may just be starting, on a small or busy computer"""
 _PATIENCE = 3.0
 """[s] without a controller after which the command reports that it waits for one"""
 _MAX_DOMAIN = 232
