@@ -41,7 +41,9 @@ TESTS = Path(__file__).parent
 LEFT_OUT = requirements.left_out(requirements.missing_packages())
 collect_ignore = list(LEFT_OUT)
 SLOW = ("graph", "install", "study")
-LONGEST = tuple(TESTS / name for name in ("project/test_bench.py", "project/test_docs.py", "sim/compiled/test_batch.py"))
+LONGEST = tuple(
+    TESTS / name for name in ("project/test_bench.py", "project/test_docs.py", "sim/compiled/test_batch.py")
+)
 """a minute or more of one worker"""
 STUDIES = (
     "lab/arena",

@@ -26,8 +26,8 @@ MODULES = {
     "robot": "diffbot_control.robot_node",
 }
 DOMAINS = range(20, 100)
-PATIENCE = 60.0
-"""[s] that every wait has at least"""
+PATIENCE = 120.0
+"""[s] that every wait has at least: a node may take a minute to start where a dozen processes want two cores"""
 _ANSWER = 10.0
 """[s] after which a service is asked again"""
 _QUIET = 0.03
