@@ -60,16 +60,18 @@ CONTRACT = "contract"
 ROBOTS = ("turtlebot4", "warehouse_agv")
 """... and robots that it is looked at with."""
 STABILITY = "stability"
-"""Name of the certificates' figures and of the first one's picture ..."""
+"""Name of the figures of the certificates, and of the picture of the first one."""
 CERTIFIED_ROBOT, SINCE = "turtlebot4", 10.0
-"""... a robot that is certified by its parameters, with the contract that it keeps from then on [s], ..."""
+"""Robot that is certified by its parameter file, and time [s] from which on its contract is measured."""
 LIMITS = {"linear.x.max_acceleration": 0.5, "angular.z.max_acceleration": 1.5}
-"""... and limits of the acceleration, which are certified with this bound of the base:"""
+"""Limits of the acceleration that the default robot is certified with, too."""
 LIMITED = Contract(eps_v=0.02, eps_omega=0.1)
+"""Contract of a base with these limits."""
 ON_THE_WAY = Contract(0.13, 0.075, 0.053, position_slope=0.02, theta_slope=0.02, sigma_slope=0.01)
-"""Rounded up from what 99.9 % of 600 runs each of `nominal` and `random_far` keep from 3 s on, with seed 11."""
+"""Contract that a filter keeps as of its first seconds: all of 600 runs each of the cases nominal and random_far with
+seed 11 keep each bound from 3 s on."""
 ATTACK_STEPS, ATTACK_RUNS, ATTACK_SEED = 1_000_000, 100_000, 1
-"""Of the random errors against each certificate."""
+"""Steps, runs and seed of the random errors against each certificate."""
 PAPER_RUNS = 100
 SWITCHING_RUNS, OWN_RUNS, SWITCHING_SEED = 200, 1000, 7
 """Runs of each start in the comparison of the laws, of this one's, and a seed that is not that of their tuning."""

@@ -37,13 +37,13 @@ _LEGS = 12
 """legs to and fro at most, before the robot rests again"""
 _CERTAIN = 0.3
 """share of the tolerance: a V is driven with a position at least as certain as this"""
-V_HEADING = 0.3
+_V_HEADING = 0.3
 """[rad] bound of |heading| in a V"""
 _V_SPEED = 2.0
 """speed of a V in multiples of ``finish_speed``"""
 _MARGIN = 0.15
 """share of the tolerance: a leg is over this far before its end"""
-LINE_GAIN = 8.0
+_LINE_GAIN = 8.0
 """[rad/m] heading per metre of lateral error"""
 _END_GAIN = 1.5
 """[1/s] speed per metre from the end of the leg"""
@@ -124,7 +124,7 @@ def next_finish(
         return _next_leg(state, local, tolerance, config)
     if rest <= 0.0 or rest < config.finish_wait:
         return no_finish(rest)
-    if not reached and uncertainty.xy < certain_enough(tolerance):
+    if not reached and uncertainty.xy < v_sigma_max(tolerance):
         reach = _v_reach(lateral, uncertainty, tolerance)
         if not allow_backward:
             return Finish(LEAVING, 0.0, 0.0, 0, 0.0) if lateral > config.finish_begin * length else no_finish(rest)
@@ -150,17 +150,9 @@ def longest_reach(lateral: float, tolerance: GoalTolerance) -> float:
     return max(_REACH * length, _v_reach(lateral, CERTAIN, tolerance) + 0.5 * _MARGIN * length)
 
 
-def certain_enough(tolerance: GoalTolerance) -> float:
+def v_sigma_max(tolerance: GoalTolerance) -> float:
     """Standard deviation [m] of the position below which a V may begin."""
     return _CERTAIN * tolerance.xy_goal_tolerance
-
-
-def farthest_out(lateral: float, tolerance: GoalTolerance) -> float:
-    """Distance [m] behind the goal, as estimated, from where on no V goes farther that begins with |y| <= ``lateral``.
-
-    The heading is known well enough for the goal to be reached.
-    """
-    return max(_v_reach(lateral, CERTAIN, tolerance) - 0.5 * _MARGIN * tolerance.xy_goal_tolerance, 0.0)
 
 
 def fastest_leg(config: FinishConfig) -> float:
@@ -171,12 +163,12 @@ def fastest_leg(config: FinishConfig) -> float:
 def _v_reach(lateral: float, uncertainty: Uncertainty, tolerance: GoalTolerance) -> float:
     """Return how far [m] a V goes out; 0 if none is needed.
 
-    With the heading ``V_HEADING`` each of its legs works off half of the lateral error. A heading that is unknown at
+    With the heading ``_V_HEADING`` each of its legs works off half of the lateral error. A heading that is unknown at
     rest shows in the direction of the motion: over a distance d the position tells it to sqrt(2) sigma_xy / d.
     """
     reach = 0.0
     if lateral > tolerance.xy_goal_tolerance:
-        reach = 0.5 * lateral / math.tan(V_HEADING)
+        reach = 0.5 * lateral / math.tan(_V_HEADING)
     if not knowable_heading(tolerance, uncertainty):
         reach = max(reach, 4.0 * uncertainty.xy / tolerance.yaw_goal_tolerance)
     return reach
@@ -203,10 +195,10 @@ def finish_command(
     """Return the command of a leg, within the bounds of the velocities: along the axis with a heading towards it."""
     bound, fastest = config.finish_heading * tolerance.yaw_goal_tolerance, config.finish_speed
     if state.kind == V_LEG:
-        bound, fastest = V_HEADING, _V_SPEED * config.finish_speed
+        bound, fastest = _V_HEADING, _V_SPEED * config.finish_speed
     v = _END_GAIN * (_end_of(state) - local.x)
     v = math.copysign(min(max(abs(v), _SLOWEST * config.finish_speed), fastest), v)
-    heading = min(max(-LINE_GAIN * local.y, -bound), bound) * math.copysign(1.0, v)
+    heading = min(max(-_LINE_GAIN * local.y, -bound), bound) * math.copysign(1.0, v)
     error = local.theta - heading
     omega = -signed_braking(error, gains.hold_brake, gains.hold_react, sheet.omega_max)
     # Turned first, then driven: the way is short.

@@ -40,7 +40,7 @@ def certify_and_save(config: ControllerConfig, plan: Plan, out: Path, threads: i
 
 
 def steps_to_core(certificate: Certificate) -> int:
-    """Return after how many steps at most the core is reached; a region entered before the contract held ends first."""
+    """Return after how many steps at most the core is reached, those included for which an old Omega_L may last."""
     return certificate.claims.steps + certificate.config.region_policy.covariance.eps_P_leave_steps
 
 
@@ -63,6 +63,7 @@ def report(certificate: Certificate) -> str:
 
 
 def _slopes(contract: Contract) -> str:
+    """Say how the bounds grow, in a line; empty if they do not."""
     if not any(getattr(contract, name) > 0.0 for name in SLOPES):
         return ""
     position, theta, sigma = (getattr(contract, name) for name in SLOPES)

@@ -83,10 +83,10 @@ def _add_bounds(parser: Any) -> None:
     parser.add_argument("--wheel-error", type=number_between(0.0, 0.99), help="relative, of each wheel's speed (0.05)")
     parser.add_argument("--eps-v", type=number_between(0.0, 0.99), help="of the base beside the request [m/s] (0)")
     parser.add_argument("--eps-omega", type=number_between(0.0, 0.99), help="and of its rotation [rad/s] (0)")
-    slope = number_between(0.0, 0.1)
-    parser.add_argument("--position-slope", type=slope, help="of the first bound, per metre from the goal [-] (0)")
-    parser.add_argument("--theta-slope", type=slope, help="of the second one [rad/m] (0)")
-    parser.add_argument("--sigma-slope", type=slope, help="and of the third one [-] (0)")
+    slope = number_between(0.0, 0.99)
+    parser.add_argument("--position-slope", type=slope, help="growth of --eps-position per metre from the goal [-] (0)")
+    parser.add_argument("--theta-slope", type=slope, help="growth of --eps-theta [rad/m] (0)")
+    parser.add_argument("--sigma-slope", type=slope, help="growth of --sigma-max [-] (0)")
 
 
 def _given(options: argparse.Namespace, names: tuple[str, ...]) -> dict[str, Any]:

@@ -20,8 +20,8 @@ from typing import Any, NamedTuple
 
 from diffbot_control.law.braking_step import gains_in_force
 from diffbot_control.law.configuration import BRAKING, GIVEN, ControllerConfig
-from diffbot_control.law.regions import COVARIANCE
-from diffbot_core.data_sheet import DataSheet, rim_speed
+from diffbot_control.law.regions import COVARIANCE, LEAVE_SIGMAS
+from diffbot_core.data_sheet import rim_speed
 from diffbot_core.errors import InvalidValueError
 from diffbot_lab.stability.result_file import check_number
 from diffbot_sim.model.plant import PlantConfig
@@ -42,17 +42,16 @@ class Contract(NamedTuple):
     """[-] bound of the relative error of each wheel's speed"""
     eps_v: float = 0.0
     """[m/s] distance of the base after a step from where the requested motion ends, per time, beyond the errors of the
-    wheels; in Omega_L any motion is allowed that is faster than the legs of the finish by no more than that, unless
-    this and ``eps_omega`` are 0"""
+    wheels; in Omega_L any motion is allowed that is faster than the legs of the finish by no more than that"""
     eps_omega: float = 0.0
     """[rad/s] difference from the requested rotation, beyond the errors of the wheels; in Omega_L any rotation is
     allowed that is faster than ``omega_max`` by no more than that"""
     position_slope: float = 0.0
-    """[-] by which the bound of the position grows per metre from the goal, ..."""
+    """[-] growth of ``eps_position`` per metre of distance from the goal"""
     theta_slope: float = 0.0
-    """[rad/m] ... that of the heading ..."""
+    """[rad/m] growth of ``eps_theta``"""
     sigma_slope: float = 0.0
-    """[-] ... and that of the standard deviation"""
+    """[-] growth of ``sigma_max``"""
 
     def at(self, rho: float) -> Contract:
         """Return the contract of a robot that is within a distance ``rho`` [m] of the goal, with constant bounds."""
@@ -69,9 +68,7 @@ class Contract(NamedTuple):
 _OF_ESTIMATE = ("eps_position", "eps_theta", "sigma_max")
 """Bounds that are above 0; those of the base may be 0."""
 SLOPES = ("position_slope", "theta_slope", "sigma_slope")
-"""How they grow with the distance, in this order."""
-_STEEPEST = 0.1
-"""bound of each slope: farther out, a robot still counts as outside of Omega_L the sooner, whatever its errors"""
+"""How the bounds of _OF_ESTIMATE grow with the distance, in the same order."""
 
 
 class Plan(NamedTuple):
@@ -102,7 +99,7 @@ def check_plan(plan: Plan) -> None:
         InvalidValueError: naming the first.
     """
     for name, value in plan.contract._asdict().items():
-        check_number(name, value, 1e-6 if name in _OF_ESTIMATE else 0.0, _STEEPEST if name in SLOPES else 0.999)
+        check_number(name, value, 1e-6 if name in _OF_ESTIMATE else 0.0, 0.999)
     for name, (low, high) in _RANGES.items():
         check_number(name, getattr(plan, name), low, high)
 
@@ -127,29 +124,32 @@ def requesting(config: ControllerConfig, plan: Plan) -> ControllerConfig:
     _require("finish_wait", config.finish.finish_wait, config.finish.finish_wait > 0.0, "above 0")
     for name in ("v_max", "omega_max", "wheel_max"):
         _require(name, getattr(sheet, name), getattr(sheet, name) < inf, "finite")
+    _check_slopes(config, plan.contract)
     most = rim_speed(sheet) / (0.5 * sheet.wheels.wheel_separation)
     _require("omega_max", sheet.omega_max, sheet.omega_max <= _ROUNDED * most, f"at most {most:g}")
-    if sheet != obedient(sheet):
+    obedient = sheet._replace(
+        a_max=inf, omega_dot_max=inf, command_latency=0.0, drive_time_constant=0.0, min_velocity=0.0, min_rotation=0.0
+    )
+    if sheet != obedient:
         for name in ("eps_v", "eps_omega"):
             value = getattr(plan.contract, name)
             _require(name, value, value > 0.0, "above 0 with limits of the acceleration, dead time, lag or dead band")
     return config._replace(
         profile_gains=gains_in_force(config, plan.period),
         gain_source=GIVEN,
-        data_sheet=obedient(sheet)._replace(omega_max=min(sheet.omega_max, most)),
+        data_sheet=obedient._replace(omega_max=min(sheet.omega_max, most)),
     )
 
 
-def obedient(sheet: DataSheet) -> DataSheet:
-    """Return the data sheet of the same base that does at once what is requested, as fast as it may."""
-    return sheet._replace(
-        a_max=math.inf,
-        omega_dot_max=math.inf,
-        command_latency=0.0,
-        drive_time_constant=0.0,
-        min_velocity=0.0,
-        min_rotation=0.0,
-    )
+def _check_slopes(config: ControllerConfig, contract: Contract) -> None:
+    """Refuse bounds that grow as fast as the distance: far out, a pose could count as inside of Omega_L again."""
+    policy = config.region_policy.covariance
+    # The leaving radius is a share of the distance, which only its remainder makes up for.
+    remainder = 1.0 - policy.eps_P_leave_factor * policy.eps_P_speed_error
+    per_sigma = max(LEAVE_SIGMAS * remainder, policy.eps_P_leave_factor * policy.eps_P_sigmas)
+    growth = contract.position_slope * remainder + per_sigma * contract.sigma_slope
+    slopes = contract.position_slope, contract.sigma_slope
+    _require("position_slope, sigma_slope", slopes, growth < remainder or slopes == (0.0, 0.0), "less")
 
 
 def _require(name: str, value: Any, holds: bool, bound: str) -> None:

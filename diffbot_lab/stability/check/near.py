@@ -10,14 +10,7 @@ from __future__ import annotations
 import math
 
 from diffbot_control.law.configuration import ControllerConfig
-from diffbot_control.law.finish import (
-    LINE_GAIN,
-    V_HEADING,
-    certain_enough,
-    farthest_out,
-    fastest_leg,
-    longest_reach,
-)
+from diffbot_control.law.finish import fastest_leg, longest_reach, v_sigma_max
 from diffbot_control.law.regions import LEAVE_SIGMAS, RETREAT_MARGIN
 from diffbot_core.errors import DiffbotError
 from diffbot_lab.stability.check.commands import (
@@ -28,7 +21,6 @@ from diffbot_lab.stability.check.commands import (
     approach_range,
     cosine_range,
     product,
-    profile,
 )
 from diffbot_lab.stability.check.steps import Box, clipped, farthest_after, motion_of, slice_count, slice_of
 from diffbot_lab.stability.compiled import compile_bounds
@@ -124,46 +116,10 @@ def farthest_local(loop: Numbers, config: ControllerConfig, sigma_max: float) ->
     A V begins at a pose that does not count as outside, with a position that is certain enough: its lateral error is at
     most the radius without a leg and with that deviation.
     """
-    lateral = leaving_radius(config, min(sigma_max, certain_enough(config.tolerance)), 0.0)
+    lateral = leaving_radius(config, min(sigma_max, v_sigma_max(config.tolerance)), 0.0)
     leaving = leaving_radius(config, sigma_max, longest_reach(lateral, config.tolerance))
     leg = step_bound(loop, fastest_leg(config.finish))
-    count = config.region_policy.covariance.eps_P_leave_steps
-    farthest = _counted_out(loop, leaving + loop.eps_rho, count, leg)
-    if loop.eps_v > 0.0 or loop.eps_omega > 0.0:
-        return farthest
-    still = _counted_out(loop, leaving_radius(config, sigma_max, 0.0) + loop.eps_rho, count, leg)
-    on_a_v = _counted_out(loop, farthest_on_a_v(loop, config, lateral), count, 0.0)
-    return min(farthest, max(still, on_a_v))
-
-
-def _counted_out(loop: Numbers, rho: float, count: int, leg: float) -> float:
-    """Largest distance [m] after so many steps of Omega_L, each without a leg or a leg's way [m] outwards."""
-    for _ in range(count if rho < math.inf else 0):
+    rho = leaving + loop.eps_rho
+    for _ in range(config.region_policy.covariance.eps_P_leave_steps):
         rho = max(local_reach(loop, rho), rho + leg)
     return rho
-
-
-def farthest_on_a_v(loop: Numbers, config: ControllerConfig, lateral: float) -> float:
-    """Largest true distance [m] on a V of a base that obeys, begun with an estimated distance of ``lateral`` [m].
-
-    Along the axis: no leg out is driven that is estimated to be beyond its end, and a leg in only comes nearer. Beside
-    it: farther out than where the heading is saturated, the legs lead towards the axis once they have turned. With b
-    for V_HEADING and e for the error of the heading, the way outwards in one step is at most that of a leg times
-    g(u) = u (b + e - u) / (2 b), u in [0, b + e] the angle beyond b. It falls by at least ``turn`` in a step, so the
-    sum is at most the integral of g over ``turn``, and the largest g. There is no bound, inf, if errors may keep the
-    robot from turning.
-    """
-    gains, b, leg = config.profile_gains, V_HEADING, step_bound(loop, fastest_leg(config.finish))
-    # Once turned towards the axis, the errors do not turn it back as far as b.
-    for angle in (0.5 * b, b):
-        if not angle > loop.eps_theta:
-            return math.inf
-        turned = min(profile(angle - loop.eps_theta, gains.hold_brake, gains.hold_react), loop.omega_max)
-        turn = loop.t_s * (turned - loop.noise * (fastest_leg(config.finish) / loop.half + turned)) - SLACK
-        if not 0.0 < turn < 0.5 * b:
-            return math.inf
-    width = b + loop.eps_theta
-    drift = leg * (width**3 / (12.0 * b * turn) + width**2 / (8.0 * b))
-    x = max(lateral, farthest_out(lateral, config.tolerance) + leg) + loop.eps_rho
-    y = max(lateral, b / LINE_GAIN + leg) + loop.eps_rho + 2.0 * drift
-    return math.hypot(x, y) + SLACK

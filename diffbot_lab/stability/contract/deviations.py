@@ -19,7 +19,6 @@ from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import Estimate, Uncertainty
 from diffbot_lab.stability.compiled import compile_bounds
-from diffbot_lab.stability.plan import obedient
 from diffbot_sim.model.plant import integrate
 
 Array = NDArray[np.float64]
@@ -27,19 +26,13 @@ Array = NDArray[np.float64]
 BOUNDED = ("eps_position", "eps_theta", "sigma_max", "eps_v", "eps_omega")
 """Fields of the contract that are the columns of deviations, in this order ..."""
 ON_LEG, DISTANCE = len(BOUNDED), len(BOUNDED) + 1
-"""... then 1 on a leg of the finish, else 0, and the true distance [m] from the goal, the coasted one"""
+"""... then 1 on a leg of the finish, else 0, and the distance [m] of the true pose, coasted, from the goal"""
 _SAME = 1e-9
 """[m/s] and [rad/s] by which a command of the history may differ from the law's: rounding"""
 
 
 def deviations(
-    config: ControllerConfig,
-    law: ControllerConfig,
-    wheel_error: float,
-    t_s: float,
-    obeys: bool,
-    history: Any,
-    out: Any,
+    config: ControllerConfig, law: ControllerConfig, wheel_error: float, t_s: float, history: Any, out: Any
 ) -> bool:
     """Fill ``out`` (steps, 7) from one history (steps + 1, 10) of a run to the origin.
 
@@ -51,7 +44,6 @@ def deviations(
         law: the same as it requests.
         wheel_error: of the contract.
         t_s: [s]
-        obeys: the base does at once what is requested, in Omega_L, too.
         history: see ``HISTORY_COLUMNS``.
         out: rows of BOUNDED, ON_LEG and DISTANCE.
 
@@ -73,26 +65,36 @@ def deviations(
         _, true = coasted_estimate(memory, truth, dt, config)
         if known:
             beside, turned = motion_errors(before, true.pose, requested, (wheel_error, half, t_s))
-            if not (is_far or obeys):
-                speed = math.hypot(true.pose.x - before.x, true.pose.y - before.y) / t_s
-                rotation = abs(wrap_angle(true.pose.theta - before.theta)) / t_s
-                beside = min(beside, max(speed - fastest_leg(config.finish), 0.0))
-                turned = min(turned, max(rotation - law.data_sheet.omega_max, 0.0))
+            if not is_far:
+                faster, turned_more = excess_near(before, true.pose, law, t_s)
+                beside, turned = min(beside, faster), min(turned, turned_more)
             out[index - 1, 3], out[index - 1, 4] = beside, turned
         if index == len(out):
             break
         _, requested, _ = step(memory, seen, goal, dt, law)
         memory, command, _ = step(memory, estimate, goal, dt, config)
         known, is_far, before = True, memory.switching.region == OMEGA_G, true.pose
-        out[index, 0] = math.hypot(seen.pose.x - true.pose.x, seen.pose.y - true.pose.y)
-        out[index, 1] = abs(wrap_angle(seen.pose.theta - true.pose.theta))
-        out[index, 2], out[index, ON_LEG] = seen.uncertainty.xy, 1.0 if is_leg(memory.finish) else 0.0
-        out[index, DISTANCE] = math.hypot(true.pose.x, true.pose.y)
+        out[index, 0], out[index, 1], out[index, 2] = estimate_errors(seen, true.pose)
         if not is_far and not knowable_heading(config.tolerance, seen.uncertainty):
             out[index, 2] = math.inf
+        out[index, ON_LEG] = 1.0 if is_leg(memory.finish) else 0.0
+        out[index, DISTANCE] = math.hypot(true.pose.x, true.pose.y)
         if not abs(command.v - row[6]) + abs(command.omega - row[7]) < _SAME:
             return False
     return True
+
+
+def estimate_errors(seen: Estimate, true: Pose) -> tuple[float, float, float]:
+    """Return the errors of position [m] and heading [rad] of an estimate, and the deviation [m] that it reports."""
+    distance = math.hypot(seen.pose.x - true.x, seen.pose.y - true.y)
+    return distance, abs(wrap_angle(seen.pose.theta - true.theta)), seen.uncertainty.xy
+
+
+def excess_near(before: Pose, after: Pose, law: ControllerConfig, t_s: float) -> tuple[float, float]:
+    """Return by how much a motion in one step is faster [m/s] and turns faster [rad/s] than any of Omega_L may."""
+    speed = math.hypot(after.x - before.x, after.y - before.y) / t_s
+    rotation = abs(wrap_angle(after.theta - before.theta)) / t_s
+    return max(speed - fastest_leg(law.finish), 0.0), max(rotation - law.data_sheet.omega_max, 0.0)
 
 
 def motion_errors(
@@ -114,11 +116,11 @@ def motion_errors(
     return beside, max(abs(omega - requested.omega) - allowed / half, 0.0)
 
 
-def _all(config: Any, law: Any, wheel_error: float, t_s: float, obeys: bool, histories: Any, out: Any) -> int:
+def _all(config: Any, law: Any, wheel_error: float, t_s: float, histories: Any, out: Any) -> int:
     """Return how many runs have the law's commands."""
     same = 0
     for run in range(len(histories)):
-        same += deviations(config, law, wheel_error, t_s, obeys, histories[run], out[run])
+        same += deviations(config, law, wheel_error, t_s, histories[run], out[run])
     return same
 
 
@@ -133,8 +135,7 @@ def deviations_of(
     Raises:
         DiffbotError: for histories of another law or configuration.
     """
-    obeys = config.data_sheet == obedient(config.data_sheet)
     out = np.zeros((histories.shape[0], histories.shape[1] - 1, DISTANCE + 1))
-    if _all_kernel(config, law, wheel_error, t_s, obeys, histories, out) < len(histories):
+    if _all_kernel(config, law, wheel_error, t_s, histories, out) < len(histories):
         raise DiffbotError("the histories are not those of this law: a step gives another command")
     return out

@@ -39,7 +39,7 @@ def kept(deviations: Array, contract: Contract) -> Mask:
 
 
 def _beyond_slopes(deviations: Array, contract: Contract) -> Array:
-    """Return the deviations of BOUNDED less what the contract adds to their bounds at the distance of each."""
+    """Return the columns BOUNDED, less what the contract's slopes allow at the distance of each step."""
     beyond = deviations[..., : len(BOUNDED)].copy()
     for column, name in enumerate(SLOPES):
         beyond[..., column] -= getattr(contract, name) * deviations[..., DISTANCE]

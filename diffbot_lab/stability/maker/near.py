@@ -6,10 +6,6 @@ true distance is at most that radius, the error of the estimate, and the way out
 the robot drives to the goal as it sees it, or a leg of the finish. The leaving radius grows with the reach of the leg.
 A V begins at rest, with a position that is certain enough, and measured within the radius without a leg: that bounds
 the lateral error, and with it the reach.
-
-Where the base obeys, a V is bounded by its own way, too. Its leg out ends where it is long enough as estimated. Beside
-the axis both legs turn towards it and drive only while they are turned less than twice as far, so that the robot gets
-away from the axis in the few steps of turning alone.
 """
 
 from __future__ import annotations
@@ -20,19 +16,12 @@ from typing import NamedTuple
 import numpy as np
 
 from diffbot_control.law.configuration import ControllerConfig
-from diffbot_control.law.finish import (
-    LINE_GAIN,
-    V_HEADING,
-    certain_enough,
-    farthest_out,
-    fastest_leg,
-    longest_reach,
-)
+from diffbot_control.law.finish import fastest_leg, longest_reach, v_sigma_max
 from diffbot_control.law.regions import LEAVE_SIGMAS, RETREAT_MARGIN
 from diffbot_core.errors import DiffbotError
 from diffbot_lab.stability.compiled import compile_bounds
 from diffbot_lab.stability.maker.images import Cell3, local_distance
-from diffbot_lab.stability.maker.law import TunedLoop, approach, profile_gain
+from diffbot_lab.stability.maker.law import TunedLoop, approach
 
 _ROUNDING = 1e-9
 """[m] and [rad] more than the rounding of a few operations"""
@@ -123,47 +112,11 @@ def near_bounds(loop: TunedLoop, config: ControllerConfig, sigma_max: float) -> 
         DiffbotError: for a configuration that is not covered.
     """
     resting = resting_radius(config, sigma_max)
-    lateral = resting_radius(config, min(sigma_max, certain_enough(config.tolerance)))
+    lateral = resting_radius(config, min(sigma_max, v_sigma_max(config.tolerance)))
     leaving = max(resting, RETREAT_MARGIN * longest_reach(lateral, config.tolerance) + _ROUNDING)
     leg = longest_step(loop, min(fastest_leg(config.finish), loop.v_max))
     steps = config.region_policy.covariance.eps_P_leave_steps
-    holding = _after_leaving(loop, leaving, steps, leg)
-    if loop.eps_v == 0.0 and loop.eps_omega == 0.0:
-        # To and fro the legs stay within the radius without a leg.
-        still = _after_leaving(loop, resting, steps, leg)
-        holding = min(holding, max(still, _after_a_v(loop, config, lateral, steps, leg)))
-    return NearBounds(resting, leaving, holding)
-
-
-def _after_a_v(loop: TunedLoop, config: ControllerConfig, lateral: float, steps: int, leg: float) -> float:
-    """Largest distance [m] on a V that begins measured within ``lateral`` [m], and so many steps after it; or inf."""
-    begin = lateral + loop.eps_position
-    behind = farthest_out(lateral, config.tolerance) + loop.eps_position + leg
-    beside = max(begin, V_HEADING / LINE_GAIN + loop.eps_position + leg) + 2.0 * drift_of_a_leg(loop, config)
-    reach = math.hypot(max(begin, behind), beside) + _ROUNDING
-    for _ in range(steps if reach < math.inf else 0):
-        reach = local_reach(loop, reach)
-    return reach
-
-
-def drift_of_a_leg(loop: TunedLoop, config: ControllerConfig) -> float:
-    """Largest way [m] away from the axis on a leg of a V, while the heading towards it is V_HEADING, the largest.
-
-    The robot drives at the angle a beyond that heading with the share 1 - a / (2 V_HEADING) of its speed, and gets away
-    from the axis with sin(a - V_HEADING): in each step with a > V_HEADING by no more than at the best of these angles.
-    It turns back all the while; there is no bound, inf, if errors may keep it from that.
-    """
-    gains, speed = config.profile_gains, min(fastest_leg(config.finish), loop.v_max)
-    rate = 0.0
-    # Once it has turned, the errors do not turn it back.
-    for angle in (0.5 * V_HEADING - loop.eps_theta, V_HEADING - loop.eps_theta):
-        turning = min(angle * profile_gain(abs(angle), gains.hold_brake, gains.hold_react)[0], loop.omega_max)
-        rate = turning - loop.wheel_error * (speed / loop.half + turning) - _ROUNDING
-        if not rate > 0.0:
-            return math.inf
-    beyond = V_HEADING + loop.eps_theta
-    count = math.ceil(beyond / (loop.t_s * rate)) + 1
-    return count * longest_step(loop, speed) * beyond * beyond / (8.0 * V_HEADING)
+    return NearBounds(resting, leaving, _after_leaving(loop, leaving, steps, leg))
 
 
 def _after_leaving(loop: TunedLoop, leaving: float, steps: int, leg: float) -> float:

@@ -14,12 +14,12 @@ from diffbot_control.law.finish import (
     V_LEG,
     Finish,
     Standing,
-    certain_enough,
     fastest_leg,
     finish_command,
     is_leg,
     longest_reach,
     next_finish,
+    v_sigma_max,
 )
 from diffbot_control.law.regions import OMEGA_L, Switching
 from diffbot_core.geometry import Pose
@@ -58,13 +58,26 @@ def test_no_leg_of_the_finish_goes_farther_or_faster_than_the_bounds(tolerance, 
     goal, local = CONFIG.tolerance._replace(xy_goal_tolerance=tolerance), Pose(x, y, 0.0)
     state, rest = Finish(), Standing(10.0, reached, backward)
     state = next_finish(state, local, rest, Uncertainty(sigma, 0.01), goal, CONFIG.finish)
-    assert state.kind != V_LEG or sigma < certain_enough(goal)
+    assert state.kind != V_LEG or sigma < v_sigma_max(goal)
     while is_leg(state):
         assert state.reach <= longest_reach(abs(y), goal)
         far = Pose(-9.0 * state.side, 0.0, 0.0)
         assert abs(finish_command(state, far, goal, CONFIG.finish, gains, sheet).v) <= fastest_leg(CONFIG.finish)
         end = Pose(2.0 * state.side * state.reach + state.side * tolerance, y, 0.0)
         state = next_finish(state, end, rest, Uncertainty(sigma, 0.01), goal, CONFIG.finish)
+
+
+def test_a_v_begins_only_where_the_bound_of_its_reach_supposes():
+    """Whatever deviation up to 0.05 m is reported; nearly all of the bound is used."""
+    still = ControllerMemory()._replace(switching=Switching(OMEGA_L, 1, 0), finish=Finish(rest=10.0))
+    begun = []
+    for sigma in np.linspace(0.0, 0.05, 26):
+        for y in np.linspace(0.1, 0.25, 151):
+            seen = Estimate(Pose(0.0, y, 0.0), Uncertainty(sigma, 0.01))
+            memory, _, _ = braking_step(still, seen, Pose(0.0, 0.0, 0.0), 0.1, CONFIG)
+            begun += [y] if memory.finish.kind == V_LEG else []
+    bound = leaving_radius(CONFIG, min(0.05, v_sigma_max(CONFIG.tolerance)), 0.0)
+    assert bound - 0.005 < max(begun) <= bound
 
 
 def small_cells(ranks):

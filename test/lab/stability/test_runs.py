@@ -12,7 +12,7 @@ from diffbot_lab.stability.plan import Contract
 from diffbot_lab.stability.runs import ContractLoop, memory_at, next_pose, sample
 
 LOOP = ContractLoop(ControllerConfig(), Contract(), 0.1)
-CERTIFIED = 0.451
+CERTIFIED = 0.57
 """[m] r* of the default law under the default contract"""
 
 
