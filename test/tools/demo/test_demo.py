@@ -84,7 +84,8 @@ def children(pid):
 def is_running(pid):
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except FileNotFoundError:
+    except (FileNotFoundError, ProcessLookupError):
+        # The second one if it ends between the opening and the reading of the file.
         return False
 
 
