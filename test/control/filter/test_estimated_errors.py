@@ -79,8 +79,8 @@ def correlation_found(run):
 
 
 def together(drive, c, **options):
-    """Mean NEES and RMSE [m] over eight runs by fixes or three by landmarks, and the mean correlation found."""
-    done = [drive(c, seed, **options) for seed in range(8 if drive is by_fixes else 3)]
+    """Mean NEES and RMSE [m] over eight runs by fixes or two by landmarks, and the mean correlation found."""
+    done = [drive(c, seed, **options) for seed in range(8 if drive is by_fixes else 2)]
     found = np.mean([correlation_found(one) for one in done])
     return np.mean([one.nees for one in done]), math.sqrt(np.mean([one.square for one in done])), found
 
