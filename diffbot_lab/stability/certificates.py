@@ -40,7 +40,7 @@ def certify_and_save(config: ControllerConfig, plan: Plan, out: Path, threads: i
 
 
 def steps_to_core(certificate: Certificate) -> int:
-    """Return after how many steps at most the core is reached, those included for which an old Omega_L may last."""
+    """Return the most steps to the core, with those that an Omega_L entered before the contract held may still last."""
     return certificate.claims.steps + certificate.config.region_policy.covariance.eps_P_leave_steps
 
 

@@ -144,12 +144,12 @@ def requesting(config: ControllerConfig, plan: Plan) -> ControllerConfig:
 def _check_slopes(config: ControllerConfig, contract: Contract) -> None:
     """Refuse bounds that grow as fast as the distance: far out, a pose could count as inside of Omega_L again."""
     policy = config.region_policy.covariance
-    # The leaving radius is a share of the distance, which only its remainder makes up for.
-    remainder = 1.0 - policy.eps_P_leave_factor * policy.eps_P_speed_error
-    per_sigma = max(LEAVE_SIGMAS * remainder, policy.eps_P_leave_factor * policy.eps_P_sigmas)
-    growth = contract.position_slope * remainder + per_sigma * contract.sigma_slope
-    slopes = contract.position_slope, contract.sigma_slope
-    _require("position_slope, sigma_slope", slopes, growth < remainder or slopes == (0.0, 0.0), "less")
+    # A part of the leaving radius grows with the distance; where that part alone exceeds it, no contract is covered.
+    growing = policy.eps_P_leave_factor * policy.eps_P_speed_error
+    if growing < 1.0:
+        sigmas = max(LEAVE_SIGMAS, policy.eps_P_leave_factor * policy.eps_P_sigmas / (1.0 - growing))
+        growth = contract.position_slope + sigmas * contract.sigma_slope
+        _require(f"position_slope + {sigmas:.3g} * sigma_slope", round(growth, 3), growth < 1.0, "below 1")
 
 
 def _require(name: str, value: Any, holds: bool, bound: str) -> None:

@@ -57,7 +57,7 @@ def test_a_certificate_is_made_verified_and_attacked(tmp_path, capsys, monkeypat
         (["certify", "--set", "drive_noise=0.1"], 1, "drive_noise = 0.1"),
         (["certify", "--set", "command_latency=0.1"], 1, "eps_v = 0.0: must be above 0 with"),
         (["certify", "--since", "5"], 1, "--since = 5.0: must be left out without --robot"),
-        (["certify", "--sigma-slope", "0.5"], 1, "position_slope, sigma_slope = (0.0, 0.5): must be less"),
+        (["certify", "--sigma-slope", "0.5"], 1, "position_slope + 3.11 * sigma_slope = 1.556: must be below 1"),
         (["certify", "--robot", "tank"], 1, "robot = 'tank'"),
         (["verify", "absent.json"], 1, "cannot read absent.json"),
         (["adversary", "absent.json"], 1, "cannot read absent.json"),
