@@ -6,9 +6,11 @@ import math
 import numpy as np
 import pytest
 
+from diffbot_control.law.configuration import ControllerConfig
 from diffbot_core.errors import DiffbotError
+from diffbot_core.geometry import Pose
 from diffbot_lab.stability.contract import command
-from diffbot_lab.stability.contract.deviations import DISTANCE, deviations_of
+from diffbot_lab.stability.contract.deviations import DISTANCE, deviations_of, excess_near
 from diffbot_lab.stability.contract.kept import fitted, holds_from, kept, share_of
 from diffbot_lab.stability.plan import Contract, Plan, requesting
 from diffbot_sim.compiled.batch import Starts, run_histories
@@ -62,6 +64,15 @@ def test_fitted_bounds_are_kept_by_their_share_of_the_runs():
         {"eps_position": 0.05, "eps_theta": 0.001, "sigma_max": math.inf, "eps_v": 0.001, "eps_omega": 0.001}
     )
     assert fitted(deviations, BOUNDS, 1.0)["eps_position"] == pytest.approx(0.1)
+
+
+def test_near_the_goal_a_base_deviates_by_what_it_is_faster_than_the_legs_and_turns():
+    law = ControllerConfig()
+    law = law._replace(data_sheet=law.data_sheet._replace(omega_max=1.0), finish=law.finish._replace(finish_speed=0.1))
+    # 0.05 m in 0.1 s, in any direction, where legs are driven with twice finish_speed; and 0.13 rad across pi.
+    before, after = Pose(1.0, 2.0, 3.1), Pose(0.97, 2.04, 3.23 - 2.0 * math.pi)
+    assert excess_near(before, after, law, 0.1) == pytest.approx((0.3, 0.3))
+    assert excess_near(before, Pose(1.0, 2.01, 3.05), law, 0.1) == (0.0, 0.0)
 
 
 @pytest.fixture(scope="module")
