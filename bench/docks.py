@@ -26,6 +26,7 @@ from rclpy.executors import SingleThreadedExecutor
 from diffbot_control.ros.messages.fields import fill_pose, pose_of, set_stamp, stamp_ns
 from diffbot_control.ros.navigator import Navigator, TaskResult
 from diffbot_core.geometry import Pose, into_frame, out_of_frame
+from diffbot_core.ros.qos import QUEUE
 from diffbot_core.units import NS_PER_S
 
 DOCK = Pose(3.0, 1.0, 0.5)
@@ -43,6 +44,8 @@ OTHER_DOCK, JUMP = Pose(0.0, 0.5, 0.0), Pose(0.2, 0.2, 0.0)
 XY, YAW = 0.02, math.radians(2.0)
 _TIMEOUT = 120.0
 """[s] of real time for one drive"""
+_QUEUED = 2 * QUEUE.depth
+"""true poses that may be on their way, in the queues of both ends, when an answer comes"""
 
 
 class Docking(NamedTuple):
@@ -78,6 +81,7 @@ class Detector:
         self.truth: Pose | None = None
         """of the robot in the dock's frame"""
         self.contact: tuple[float, float] | None = None
+        self._truths, self._came = 0, threading.Condition()
         self._waiting: deque[PoseWithCovarianceStamped] = deque()
         self._frozen: PoseWithCovarianceStamped | None = None
         node = rclpy.create_node("detector")
@@ -99,6 +103,13 @@ class Detector:
         """Begin a run."""
         self.fault, self.is_near, self.contact, self._frozen = fault, False, None, None
 
+    def catch_up(self) -> None:
+        """Wait for a true pose of after now: an answer may overtake the pose that it is about."""
+        with self._came:
+            last = self._truths + _QUEUED
+            if not self._came.wait_for(lambda: self._truths > last, 30.0):
+                raise RuntimeError("no true pose within 30 s")
+
     def _on_truth(self, message: Odometry) -> None:
         pose = into_frame(pose_of(message.pose.pose), DOCK)
         if self.contact is None and pose.x >= 0.0 and self.truth is not None and self.truth.x < 0.0:
@@ -115,6 +126,9 @@ class Detector:
             LATENESS * NS_PER_S
         ):
             self._sent.publish(self._waiting.popleft())
+        with self._came:
+            self._truths += 1
+            self._came.notify_all()
 
     def _on_detection(self, message: PoseWithCovarianceStamped) -> None:
         if self.fault == LATE:
@@ -177,6 +191,7 @@ class Scene:
         self.detector.begin(fault)
         self.navigator.dock()
         end = self.wait()
+        self.detector.catch_up()
         contact = self.detector.contact
         self.detector.begin(NONE)
         undocked = True

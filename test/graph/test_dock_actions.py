@@ -54,6 +54,7 @@ def test_the_robot_docks_and_undocks(staged, action_peer):
     status, result = dock.result(dock.send(**SEEN))
     assert (status, result.success, result.error_code) == (GoalStatus.STATUS_SUCCEEDED, True, 0), result
     assert (result.num_retries, result.error_msg) == (0, "")
+    staged.detector.catch_up()
     assert abs(staged.detector.truth.x) < 0.05
     assert dock.feedback[-1].state == dock.type.Feedback.CONTROLLING
     times = [one.docking_time.sec + 1e-9 * one.docking_time.nanosec for one in dock.feedback]
@@ -66,6 +67,7 @@ def test_the_robot_docks_and_undocks(staged, action_peer):
 
     status, result = undock.result(undock.send())
     assert (status, result.success, result.error_code) == (GoalStatus.STATUS_SUCCEEDED, True, 0), result
+    staged.detector.catch_up()
     assert staged.detector.truth.x == pytest.approx(-0.7, abs=0.06)
 
 
