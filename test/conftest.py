@@ -45,15 +45,16 @@ LONGEST = tuple(
     TESTS / name for name in ("project/test_bench.py", "project/test_docs.py", "sim/compiled/test_batch.py")
 )
 """a minute or more of one worker"""
+PROCESSES = ("graph/", "faults/", "real/")
 STUDIES = (
-    "lab/arena",
-    "lab/campaign",
-    "lab/filter_benchmark",
-    "lab/paper",
-    "lab/stability",
-    "sim/compiled",
-    "tools/calibration",
-    "tools/dataset",
+    "lab/arena/",
+    "lab/campaign/",
+    "lab/filter_benchmark/",
+    "lab/paper/",
+    "lab/stability/",
+    "sim/compiled/",
+    "tools/calibration/",
+    "tools/dataset/",
 )
 
 
@@ -88,16 +89,23 @@ def pytest_collection_modifyitems(items):
 
     Tests of other rooms that start nodes carry the mark themselves. Then bring all into the order of their length.
     """
+    rooms = {path: path.relative_to(TESTS).as_posix() for path in {item.path for item in items}}
     for item in items:
-        if any(item.path.is_relative_to(TESTS / room) for room in ("graph", "faults", "real")):
+        room = rooms[item.path]
+        if room.startswith(PROCESSES):
             item.add_marker(pytest.mark.graph)
-        if item.path.is_relative_to(TESTS / "faults"):
+        if room.startswith("faults/"):
             item.add_marker(pytest.mark.fault)
-        if any(item.path.is_relative_to(TESTS / room) for room in STUDIES):
+        if room.startswith(STUDIES):
             item.add_marker(pytest.mark.study)
-    # What takes long begins first, file by file: a long one at the end would leave the other workers idle.
-    slow = {item.path for item in items if any(map(item.get_closest_marker, SLOW))}
-    items.sort(key=lambda item: (item.path not in LONGEST, item.path not in slow))
+    # What takes longest begins first: at the end it would leave the other workers idle. Then files that wait for
+    # processes alternate with files that compute, studies first.
+    marked = {mark: {item.path for item in items if item.get_closest_marker(mark)} for mark in SLOW}
+    waiting = marked["graph"] | marked["install"]
+    computing = sorted(rooms.keys() - waiting, key=lambda path: (path not in marked["study"], path))
+    place = {path: n / len(kind) for kind in (sorted(waiting), computing) for n, path in enumerate(kind)}
+    place |= dict.fromkeys(LONGEST, -1.0)
+    items.sort(key=lambda item: place[item.path])
 
 
 def pytest_report_header():
