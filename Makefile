@@ -42,12 +42,9 @@ setup: $(VENV)/package.stamp
 demo: setup
 	@$(BIN)/diffbot demo --overwrite $(ARGS)
 
-# Whole files for each worker, in the order of test/conftest.py instead of that of pytest-xdist.
-BY_FILE := --dist loadfile --no-loadscope-reorder
-
 # Not `python -m pytest`, which would put the source tree before the installed package.
 test: setup compilers browser
-	@$(BIN)/pytest -n 4 $(BY_FILE) $(ARGS)
+	@$(BIN)/pytest -n 4 --dist loadfile $(ARGS)
 
 # For the tests of Nav2's actions, which are built from their definitions.
 compilers:
@@ -68,7 +65,7 @@ browser:
 	fi
 
 test-fast: setup
-	@$(BIN)/pytest -n 2 $(BY_FILE) -m 'not graph and not install and not study' $(ARGS)
+	@$(BIN)/pytest -n 2 --dist loadfile -m 'not graph and not install and not study' $(ARGS)
 
 faults: setup
 	@$(BIN)/python bench/faults.py $(ARGS)
@@ -76,7 +73,7 @@ faults: setup
 # The tests that speak over DDS and those of what has no wheel, in the environment of `make setup` and an overlay on it.
 real: setup
 	@test -n "$(OVERLAY)" || { echo "make real OVERLAY=<folder of installed ROS packages>: docs/how-to/real-ros.md" >&2; exit 1; }
-	@test/real/overlay.sh $(VENV) $(OVERLAY) pytest -n 2 $(BY_FILE) -m 'graph and not install' $(ARGS)
+	@test/real/overlay.sh $(VENV) $(OVERLAY) pytest -n 2 --dist loadfile -m 'graph and not install' $(ARGS)
 
 soak: setup
 	@PYTHONPATH=test/support $(BIN)/python bench/soak.py --json docs/results/data/faults.json $(ARGS)

@@ -40,11 +40,6 @@ if (Path(sys.prefix) / "share" / "std_msgs").is_dir() and sys.prefix not in _PRE
 TESTS = Path(__file__).parent
 LEFT_OUT = requirements.left_out(requirements.missing_packages())
 collect_ignore = list(LEFT_OUT)
-SLOW = ("graph", "install", "study")
-LONGEST = tuple(
-    TESTS / name for name in ("project/test_bench.py", "project/test_docs.py", "sim/compiled/test_batch.py")
-)
-"""a minute or more of one worker"""
 PROCESSES = ("graph/", "faults/", "real/")
 STUDIES = (
     "lab/arena/",
@@ -87,7 +82,7 @@ def pytest_addoption(parser):
 def pytest_collection_modifyitems(items):
     """Mark rooms as a whole: test/graph, faults and real with ``graph``, compiled loops and their runs with ``study``.
 
-    Tests of other rooms that start nodes carry the mark themselves. Then bring all into the order of their length.
+    Tests of other rooms that start nodes carry the mark themselves.
     """
     rooms = {path: path.relative_to(TESTS).as_posix() for path in {item.path for item in items}}
     for item in items:
@@ -98,14 +93,6 @@ def pytest_collection_modifyitems(items):
             item.add_marker(pytest.mark.fault)
         if room.startswith(STUDIES):
             item.add_marker(pytest.mark.study)
-    # What takes longest begins first: at the end it would leave the other workers idle. Then files that wait for
-    # processes alternate with files that compute, studies first.
-    marked = {mark: {item.path for item in items if item.get_closest_marker(mark)} for mark in SLOW}
-    waiting = marked["graph"] | marked["install"]
-    computing = sorted(rooms.keys() - waiting, key=lambda path: (path not in marked["study"], path))
-    place = {path: n / len(kind) for kind in (sorted(waiting), computing) for n, path in enumerate(kind)}
-    place |= dict.fromkeys(LONGEST, -1.0)
-    items.sort(key=lambda item: place[item.path])
 
 
 def pytest_report_header():

@@ -144,7 +144,7 @@ def requesting(config: ControllerConfig, plan: Plan) -> ControllerConfig:
 def _check_slopes(config: ControllerConfig, contract: Contract) -> None:
     """Refuse bounds that grow as fast as the distance: far out, a pose could count as inside of Omega_L again."""
     policy = config.region_policy.covariance
-    # A part of the leaving radius grows with the distance; where that part alone exceeds it, no contract is covered.
+    # A part of the leaving radius grows with the distance; near.py refuses one that grows as fast as that or faster.
     growing = policy.eps_P_leave_factor * policy.eps_P_speed_error
     if growing < 1.0:
         sigmas = max(LEAVE_SIGMAS, policy.eps_P_leave_factor * policy.eps_P_sigmas / (1.0 - growing))
