@@ -81,6 +81,7 @@ _LOOK_PERIOD = 0.05
 """[s] between two looks for a new goal while there are no poses"""
 _RELEASE_TIME = 0.5
 """[s] within which the controller in map lets go; a goal that it then has is a newer one"""
+_UNDER_WAY = GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING
 
 
 class DockEkfNode(EkfNode):
@@ -115,8 +116,8 @@ class DockControllerNode(RobotControllerNode):
         self._dock_actions = serve_dock_actions(self, self.goals)
         self._accepted, self._began = 0, -math.inf
         """number of goals so far, and when [s] on the steady clock the newest was noticed"""
-        self._is_driving_in_map = False
-        """the controller in map has a goal that it drives to"""
+        self._in_map, self._before = GoalStatus(), GoalStatus()
+        """newest goal of the controller in map: now, and when the newest goal of this one was noticed"""
         self._release = self.create_client(Trigger, "controller/cancel")
         self.create_subscription(GoalStatusArray, "controller/goal_status", self._on_goals_in_map, LATCHED)
         self.create_timer(_LOOK_PERIOD, self._look_at_goals, clock=self.steady_clock)
@@ -135,15 +136,11 @@ class DockControllerNode(RobotControllerNode):
     def _look_at_goals(self) -> None:
         """For a new goal make the controller in map let go of its own, and later let go for a new one of that."""
         if self.supervisor.accepted != self._accepted:
-            self._accepted, self._began = self.supervisor.accepted, time.monotonic()
+            self._accepted, self._began, self._before = self.supervisor.accepted, time.monotonic(), self._in_map
             if self._release.service_is_ready():
                 self._release.call_async(Trigger.Request())
             self._begin_anew_if_lost()
-        elif (
-            self._is_driving_in_map
-            and self.supervisor.goal is not None
-            and time.monotonic() - self._began > _RELEASE_TIME
-        ):
+        elif self._is_for_map() and self.supervisor.goal is not None and time.monotonic() - self._began > _RELEASE_TIME:
             self.get_logger().info("a new goal of the controller in map: letting go of the dock")
             self.cancel()
 
@@ -158,9 +155,14 @@ class DockControllerNode(RobotControllerNode):
             self.get_logger().info("the dock is looked for anew")
             self._ekf.restart()
 
+    def _is_for_map(self) -> bool:
+        """Return whether the controller in map drives, or has reached a goal since, which it may hold."""
+        is_new = self._in_map.goal_info.goal_id != self._before.goal_info.goal_id
+        return self._in_map.status in _UNDER_WAY or (is_new and self._in_map.status == GoalStatus.STATUS_SUCCEEDED)
+
     def _on_goals_in_map(self, message: GoalStatusArray) -> None:
-        under_way = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
-        self._is_driving_in_map = any(one.status in under_way for one in message.status_list)
+        if message.status_list:
+            self._in_map = message.status_list[-1]
 
 
 def make_nodes() -> Iterator[EkfNode | ControllerNode]:

@@ -46,6 +46,11 @@ def new_page():
 def page(new_page, url):
     opened = new_page().open(url)
     opened.wait("diffbotPage.robot.curves.estimate?.rows > 3 && diffbotPage.robot.curves.truth", "the robot")
+    # What appears beside the map may move it, and pixels of it that were found before are wrong then.
+    opened.wait("document.querySelectorAll('#legend label').length === 5", "the legend")
+    opened.wait("document.querySelector('#tools [title^=Reset]').offsetWidth", "the buttons of the plant")
+    opened.wait("document.querySelectorAll('#values div').length === 9", "the values")
+    opened.next_frame()
     return opened
 
 
@@ -272,9 +277,13 @@ def test_the_dock_its_detections_and_the_phase_appear(page, peer):
     # At the front of the docked robot: of its box, if another test has described it, or half a wheel separation ahead.
     size = page.get("diffbotPage.robot.size")
     reach = size["box"][1] if size.get("box") else 0.5 * size["wheels"][1]
-    colour = "Array.from(document.getElementById('map').getContext('2d').getImageData({}, {}, 1, 1).data).slice(0, 3)"
-    front = page.get(f"diffbotPage.view.toScreen({dock.x + reach * math.cos(0.5)}, {dock.y + reach * math.sin(0.5)})")
-    assert page.get(colour.format(*front)) == [91, 63, 160]
+    front = dock.x + reach * math.cos(0.5), dock.y + reach * math.sin(0.5)
+    # Place and colour at one moment: with the dock, the legend has a second line, and the map another height.
+    colour = f"""(() => {{
+      const [x, y] = diffbotPage.view.toScreen({front[0]}, {front[1]});
+      return [...document.getElementById("map").getContext("2d").getImageData(x, y, 1, 1).data].slice(0, 3);
+    }})()"""
+    assert page.get(colour) == [91, 63, 160]
     values = [KeyValue(key="goal", value="0 0 0"), KeyValue(key="phase", value="approaching")]
     statuses.publish(DiagnosticStatus(name="/dock_controller", message="driving", values=values))
     page.wait("document.getElementById('state').textContent === 'docking: approaching'", "the phase")
