@@ -140,7 +140,11 @@ class DockControllerNode(RobotControllerNode):
             if self._release.service_is_ready():
                 self._release.call_async(Trigger.Request())
             self._begin_anew_if_lost()
-        elif self._is_for_map() and self.supervisor.goal is not None and time.monotonic() - self._began > _RELEASE_TIME:
+        elif (
+            self._has_goal_in_map()
+            and self.supervisor.goal is not None
+            and time.monotonic() - self._began > _RELEASE_TIME
+        ):
             self.get_logger().info("a new goal of the controller in map: letting go of the dock")
             self.cancel()
 
@@ -155,14 +159,14 @@ class DockControllerNode(RobotControllerNode):
             self.get_logger().info("the dock is looked for anew")
             self._ekf.restart()
 
-    def _is_for_map(self) -> bool:
-        """Return whether the controller in map drives, or has reached a goal since, which it may hold."""
+    def _has_goal_in_map(self) -> bool:
+        """Return whether the controller in map drives, or has reached a newer goal than this one, which it may hold."""
         is_new = self._in_map.goal_info.goal_id != self._before.goal_info.goal_id
         return self._in_map.status in _UNDER_WAY or (is_new and self._in_map.status == GoalStatus.STATUS_SUCCEEDED)
 
     def _on_goals_in_map(self, message: GoalStatusArray) -> None:
-        if message.status_list:
-            self._in_map = message.status_list[-1]
+        # Newest last; a controller that was started again has none.
+        self._in_map = message.status_list[-1] if message.status_list else GoalStatus()
 
 
 def make_nodes() -> Iterator[EkfNode | ControllerNode]:
