@@ -77,8 +77,8 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self._pose_periods = PeriodWatch()
         self._pose_watch = PoseWatch(self.clock_watch)
         self._checked_period = 0.0
-        now = self.clock_watch.now
-        self.goals = GoalServer(self, self.supervisor, self._goals_of, now, self.cancel, self._publish_status)
+        self._newest_time = 0.0
+        self.goals = GoalServer(self, self.supervisor, self._goals_of, self._now, self.cancel, self._publish_status)
         self._keeper = GoalKeeper(self, self.goals)
         self._actions = serve_nav2_actions(self, self.goals)
         self.subscribe(PoseStamped, "goal_pose", lambda message: self.goals.singles.take(self._goals_of(message)[0]))
@@ -241,13 +241,20 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
             self._on_tick()
             return advances
         steady = math.nan if self.clock_watch.is_simulated else time.monotonic()
-        command = self.supervisor.on_pose(stamp, self.clock_watch.now(), pose, uncertainty, steady)
+        command = self.supervisor.on_pose(stamp, self._now(), pose, uncertainty, steady)
         if command is not None:
             self.outputs.send(command, stamp)
             self._report_limits()
         self.outputs.publish_navigation(stamp, self.supervisor)
         self._publish_changes()
         return advances
+
+    def _now(self) -> float:
+        """Return the node's time [s]; the first one after 0, i.e. after no message on /clock, is no jump of time."""
+        before, self._newest_time = self._newest_time, self.clock_watch.now()
+        if before <= 0.0 < self._newest_time:
+            self.supervisor.count_time_from(self._newest_time)
+        return self._newest_time
 
     def _report_limits(self) -> None:
         if self.supervisor.is_beyond_limits:
@@ -272,7 +279,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
             return
         watch = self._pose_watch
         command = self.supervisor.on_tick(
-            self.clock_watch.now(),
+            self._now(),
             watch.silence(),
             watch.is_stale(self.config),
             watch.goal_age(self.supervisor.accepted),

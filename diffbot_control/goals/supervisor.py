@@ -277,6 +277,13 @@ class Supervisor:
         self._last_pose_time = min(self._last_pose_time, now)
         return self._follow(Event.OVERDUE) if is_stale or self._is_overdue(now) else None
 
+    def count_time_from(self, now: float) -> None:
+        """Count goal and poses so far as of ``now`` [s]: they came before the clock was known, at time 0."""
+        self.goals.count_time_from(now)
+        self.goals.now = self._silent_since = self._acted_at = now
+        if self._last_pose_time is not None:
+            self._last_pose_time = now
+
     def on_stop(self) -> None:
         """End the present goal as cancelled: the node stops, which sends zero."""
         self._follow(Event.STOP)

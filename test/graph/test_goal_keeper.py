@@ -5,11 +5,14 @@ import time
 
 import pytest
 from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Twist
 from rosgraph_msgs.msg import Clock
 
 from diffbot_control.controller_node import ControllerNode
+from diffbot_control.goals.states import DRIVING
 from diffbot_control.ros.goals.goal_file import SavedGoal, load_goal, save_goal
 from diffbot_core.geometry import Pose
+from diffbot_core.uncertainty import CERTAIN
 
 ID = "0123456789abcdef" * 2
 SINGLE = SavedGoal(ID, "request", "map", [Pose(1.0, 2.0, 0.5)])
@@ -89,14 +92,24 @@ def test_a_goal_of_long_ago_is_given_up_and_one_of_the_future_too(start, tmp_pat
     assert ends(start(resume_goal=True, resume_timeout=600.0)) == []
 
 
-def test_a_goal_that_is_resumed_before_the_first_clock_has_the_time_since_then(nodes, start, tmp_path):
+def test_the_first_clock_is_no_silence_for_a_resumed_goal_and_for_poses_that_came_before_it(nodes, start, tmp_path):
     save_goal(tmp_path / "goal", SINGLE)
-    node = start(resume_goal=True, use_sim_time=True)
+    node = start(resume_goal=True, use_sim_time=True, publish_when_idle=True)
     assert node.supervisor.goals.present.request.time == 0.0
+    last, place = 5000 * 10**9, Pose(-3.0, 2.0, 0.5)
+    node.take_pose(last - 10**8, place, CERTAIN)
+    node.take_pose(last, place, CERTAIN)
     clocks = nodes.peer.publisher(Clock, "/clock")
+    commands = nodes.peer.subscribe(Twist, "cmd_vel")
+    nodes.peer.wait_for_publishers("cmd_vel")
     nodes.peer.wait_for_subscribers(clocks)
     clocks.publish(Clock(clock=Time(sec=5000)))
     nodes.peer.spin_until(lambda: node.supervisor.goals.present.request.time == 5000.0, what="the time of the goal")
+    # Sent again, as in lock-step after a second: it is answered as before, and not with zero.
+    node.take_pose(last, place, CERTAIN)
+    nodes.peer.spin_until(lambda: commands, what="the answer")
+    assert commands[0].linear.x > 0.0
+    assert node.supervisor.status == DRIVING
 
 
 def test_the_file_follows_the_goal(start, tmp_path, monkeypatch):

@@ -39,8 +39,6 @@ class GoalKeeper:
         self._written: tuple[str, bool, int, int] | None = None
         """what the file holds: id, is_cancelling, waypoint, updates; None: there is no file"""
         self._last_write = 0.0
-        self._is_timeless = False
-        """a goal was resumed before the first message on /clock"""
         self._encoded: tuple[tuple[str, int], list[str]] = ("", 0), []
         """id and updates of a goal, and all its poses as they are written"""
         goals.on_end.append(lambda _record: self.save())
@@ -83,10 +81,8 @@ class GoalKeeper:
             supervisor.on_goal(saved.poses[0], request)
         if not is_resumed:
             supervisor.give_up(reason)
-        present = supervisor.goals.present
-        self._is_timeless = present is not None and request.time <= 0.0
-        text = f"{reason}: goal {saved.id} "
-        self._node.get_logger().warning(text + ("is driven to again" if present is not None else "has ended"))
+        outcome = "has ended" if supervisor.goals.present is None else "is driven to again"
+        self._node.get_logger().warning(f"{reason}: goal {saved.id} {outcome}")
         self._goals.publish_changes(force=True)
         self.save()
 
@@ -94,9 +90,6 @@ class GoalKeeper:
         """Write the present goal if the file holds another state; otherwise renew the time of the file."""
         if self._path is None or not self._is_restored:
             return
-        if self._is_timeless and (now := self._node.clock_watch.now()) > 0.0:
-            self._is_timeless = False
-            self._goals.supervisor.goals.count_time_from(now)
         try:
             self._update(self._path)
         except FileNotFoundError:
