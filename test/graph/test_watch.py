@@ -59,7 +59,7 @@ def peer():
     with graph.peer("watcher") as running:
         running.statuses = running.subscribe(DiagnosticStatus, "controller/status", LATCHED)
         running.truth = running.subscribe(Odometry, "ground_truth")
-        running.wait_for_publishers("controller/status", "ground_truth")
+        running.spin_until(lambda: running.statuses and running.truth, what="the robot")
         yield running
 
 
