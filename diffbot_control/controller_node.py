@@ -101,6 +101,8 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self._start_anew()
         self._pose_watch.on_goal()
         self._keeper.restore()
+        # Once in any case: who comes later can tell a goal of before from a new one.
+        self.goals.publish_changes(force=True)
         self._publish_status()
 
     def _start_anew(self) -> None:

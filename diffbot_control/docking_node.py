@@ -116,7 +116,8 @@ class DockControllerNode(RobotControllerNode):
         self._dock_actions = serve_dock_actions(self, self.goals)
         self._accepted, self._began = 0, -math.inf
         """number of goals so far, and when [s] on the steady clock the newest was noticed"""
-        self._in_map, self._before = GoalStatus(), GoalStatus()
+        self._in_map: GoalStatus | None = None
+        self._before: GoalStatus | None = None
         """newest goal of the controller in map: now, and when the newest goal of this one was noticed"""
         self._release = self.create_client(Trigger, "controller/cancel")
         self.create_subscription(GoalStatusArray, "controller/goal_status", self._on_goals_in_map, LATCHED)
@@ -161,12 +162,17 @@ class DockControllerNode(RobotControllerNode):
 
     def _has_goal_in_map(self) -> bool:
         """Return whether the controller in map drives, or has reached a newer goal than this one, which it may hold."""
+        if self._in_map is None or self._before is None:
+            return False
         is_new = self._in_map.goal_info.goal_id != self._before.goal_info.goal_id
         return self._in_map.status in _UNDER_WAY or (is_new and self._in_map.status == GoalStatus.STATUS_SUCCEEDED)
 
     def _on_goals_in_map(self, message: GoalStatusArray) -> None:
         # Newest last; a controller that was started again has none.
         self._in_map = message.status_list[-1] if message.status_list else GoalStatus()
+        # The topic is latched: the first message tells of the past, though it may come after the first docking began.
+        if self._before is None:
+            self._before = self._in_map
 
 
 def make_nodes() -> Iterator[EkfNode | ControllerNode]:

@@ -5,7 +5,6 @@ from contextlib import ExitStack
 import docks
 import pytest
 import rclpy
-from action_msgs.msg import GoalStatus, GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticStatus
 from graph import private_domain
 from robot import LATCHED, pose_stamped
@@ -69,24 +68,3 @@ def test_a_goal_in_map_lets_go_of_the_dock_and_a_docking_of_the_goal_in_map(scen
     assert docking.task.end == "cancelled", docking.task.reason
     assert scene.wait() == "reached"
     assert navigator.getResult() == TaskResult.SUCCEEDED
-
-
-def test_a_goal_in_map_that_is_reached_at_once_lets_go_of_the_dock_too(scene):
-    navigator = scene.navigator
-    assert navigator.goToPose(pose_stamped(*out_of_frame(Pose(-1.5, 0.0, 0.0), docks.DOCK)))
-    assert scene.wait() == "reached"
-    assert navigator.dock()
-    wait_until_released(scene)
-    docking, approach = navigator._docking, navigator._docking.task
-    # Said in place of the controller in map, which reaches a goal that fast only if the robot rests there.
-    reached = GoalStatus(status=GoalStatus.STATUS_SUCCEEDED)
-    reached.goal_info.goal_id.uuid[0] = 1
-    statuses = navigator.create_publisher(GoalStatusArray, "controller/goal_status", LATCHED)
-
-    def has_ended():
-        statuses.publish(GoalStatusArray(status_list=[reached]))
-        return approach.end
-
-    assert docking.spin_until(has_ended, 60.0)
-    navigator.destroy_publisher(statuses)
-    assert approach.end == "cancelled", approach.reason

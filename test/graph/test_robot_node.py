@@ -3,15 +3,20 @@
 from functools import partial
 
 import graph
+from action_msgs.msg import GoalStatus, GoalStatusArray
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TwistStamped
 from inside import inside
 from lockstep_drive import assert_same_path, go
 from nav_msgs.msg import Odometry
-from robot import distance, lockstep, planar, pose_stamped, stamp, turned
+from robot import LATCHED, distance, lockstep, planar, pose_stamped, stamp, turned
 
 from diffbot_bag.bag.reader import BagReader
+from diffbot_control import docking_node
+from diffbot_control.controller_node import ControllerNode
 from diffbot_control.ekf_node import EkfNode
+from diffbot_control.goals.goal_record import CANCELLED
 from diffbot_control.robot_node import RobotControllerNode
+from diffbot_core.geometry import Pose
 from diffbot_tools import cli
 
 GOAL = (3.0, -1.0, 2.5)
@@ -103,3 +108,31 @@ def test_a_pose_of_another_topic_is_subscribed_to(nodes):
         nodes.add(partial(RobotControllerNode, ekf), arguments=arguments)
         assert (ekf.pose_receiver is not None) == is_handed_over
         assert bool(nodes.peer.node.get_subscriptions_info_by_topic(f"/{topic}")) != is_handed_over
+
+
+def test_a_goal_in_map_that_is_reached_lets_go_of_the_dock_if_it_came_after_the_docking(nodes, monkeypatch):
+    monkeypatch.setattr(docking_node, "_RELEASE_TIME", 0.0)
+    ekf = nodes.add(docking_node.DockEkfNode, arguments=docking_node.remappings(docking_node.EKF))
+    arguments = docking_node.remappings(docking_node.CONTROLLER)
+    dock = nodes.add(partial(docking_node.DockControllerNode, ekf), {"pose_lost_timeout": 100.0}, arguments)
+    statuses = nodes.peer.publisher(GoalStatusArray, "controller/goal_status", LATCHED)
+    dock.goals.accept_goals([Pose(0.0, 0.0, 0.0)], False, "request")
+    dock._look_at_goals()
+    # Of before, though it is heard of after the docking has begun.
+    goal = GoalStatus(status=GoalStatus.STATUS_SUCCEEDED)
+    goal.goal_info.goal_id.uuid[0] = 1
+    statuses.publish(GoalStatusArray(status_list=[goal]))
+    nodes.peer.spin_until(lambda: dock._in_map is not None, what="the goal of before")
+    dock._look_at_goals()
+    assert not dock.supervisor.goals.present.is_cancelling
+    goal.goal_info.goal_id.uuid[0] = 2
+    statuses.publish(GoalStatusArray(status_list=[goal]))
+    nodes.peer.spin_until(lambda: dock.supervisor.goals.ended, what="the end of the docking")
+    assert dock.supervisor.goals.ended[0].end == CANCELLED
+
+
+def test_a_controller_says_that_it_has_no_goal(nodes):
+    nodes.add(ControllerNode)
+    statuses = nodes.peer.subscribe(GoalStatusArray, "controller/goal_status", LATCHED)
+    nodes.peer.spin_until(lambda: statuses, what="the goals")
+    assert not statuses[0].status_list
