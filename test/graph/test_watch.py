@@ -293,7 +293,7 @@ def test_the_dock_its_detections_and_the_phase_appear(page, peer):
 
 def test_the_page_reports_when_the_robot_is_silent(page, robot):
     silent = "document.getElementById('state').textContent === 'no status from the controller'"
-    assert not page.get(silent)
+    page.wait(f"!({silent})", "a status")
     robot.send(signal.SIGSTOP)
     try:
         page.wait(silent, "the silence")
