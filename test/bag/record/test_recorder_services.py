@@ -96,14 +96,16 @@ def test_a_pause_is_no_loss(tmp_path, nodes):
 
 
 def test_parameters_of_the_nodes_that_answer_and_the_host_are_attached_at_once(tmp_path, monkeypatch):
-    monkeypatch.setattr(node_parameters, "DEADLINE", 0.5)
+    monkeypatch.setattr(node_parameters, "DEADLINE", graph.PATIENCE)
     services = {"start_parameter_services": True}
-    # The second has the services, and nobody who spins it.
-    with one_process.nodes(name="asked", **services) as nodes, graph.peer("silent", **services):
+    # The second has the services, and nobody who spins it; by its name it is asked first.
+    with one_process.nodes(name="asked", **services) as nodes, graph.peer("a_silent_one", **services):
         nodes.peer.node.declare_parameter("gain", 0.25)
         nodes.peer.node.declare_parameter("names", ["a", "b"])
         recording = Recording(nodes, tmp_path / "run")
-        path = tmp_path / "run" / "run_0.mcap"
+        path, asking = tmp_path / "run" / "run_0.mcap", recording.recorder.node._parameters_of_all
+        nodes.peer.spin_until(lambda: asking._question and asking._question.name == "/a_silent_one", what="the question")
+        asking._question._end = 0.0
         # Not only at the end: a killed recorder has them, too.
         nodes.peer.spin_until(lambda: b'"gain": 0.25' in path.read_bytes(), what="the parameters")
         recording.close()
@@ -112,5 +114,5 @@ def test_parameters_of_the_nodes_that_answer_and_the_host_are_attached_at_once(t
         host = json.loads(reader.attachment("host.json"))
     assert (found["/asked"]["gain"], found["/asked"]["names"]) == (0.25, ["a", "b"])
     assert found["/recorder"]["uri"] == str(tmp_path / "run")
-    assert "/silent" not in found
+    assert "/a_silent_one" not in found
     assert host["package"]["diffbot"]
