@@ -8,11 +8,10 @@ import time
 import graph
 import pytest
 from bag_makers import unfinished
-from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Odometry
 from promises import COMMAND_TIMEOUT, FLUSH_PERIOD, NEVER, PERIOD, POSE_TIMEOUT
 from rclpy.serialization import deserialize_message
-from robot import LATCHED, stamp
+from robot import stamp
 from witness import NEAR
 
 RECORDER = "diffbot_bag.recorder_node"
@@ -68,15 +67,12 @@ def test_lost_controller_lets_the_base_stop(fault, driving, trials, seeded):
 
 
 def recordings(driving, running, folder):
-    """Yield a recorder of the true poses that has ten of them, and the folder of its bag, for each trial."""
+    """Yield a recorder of the true poses that has written ten of them, and the folder of its bag, for each trial."""
     for number in running:
         bag = folder / f"bag_{number}"
-        reports = driving.peer.subscribe(DiagnosticStatus, "recorder/status", LATCHED)
         with graph.node(RECORDER, {"uri": bag, "flush_period": FLUSH_PERIOD, "topics": ["/ground_truth"]}) as recorder:
-            driving.peer.spin_until(
-                lambda reports=reports: reports and int(graph.values(reports[-1]).get("messages", 0)) >= 10,
-                what="ten messages in the bag",
-            )
+            recorder.wait_for_output("ready")
+            driving.peer.spin_until(lambda bag=bag: len(true_poses(bag)) >= 10, what="ten poses in the bag")
             yield recorder, bag
 
 

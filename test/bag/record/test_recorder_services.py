@@ -104,7 +104,9 @@ def test_parameters_of_the_nodes_that_answer_and_the_host_are_attached_at_once(t
         nodes.peer.node.declare_parameter("names", ["a", "b"])
         recording = Recording(nodes, tmp_path / "run")
         path, asking = tmp_path / "run" / "run_0.mcap", recording.recorder.node._parameters_of_all
-        nodes.peer.spin_until(lambda: asking._question and asking._question.name == "/a_silent_one", what="the question")
+        nodes.peer.spin_until(
+            lambda: asking._question and asking._question.name == "/a_silent_one", what="the question to it"
+        )
         asking._question._end = 0.0
         # Not only at the end: a killed recorder has them, too.
         nodes.peer.spin_until(lambda: b'"gain": 0.25' in path.read_bytes(), what="the parameters")
