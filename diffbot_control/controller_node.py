@@ -101,7 +101,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self._start_anew()
         self._pose_watch.on_goal()
         self._keeper.restore()
-        # Once in any case: who comes later can tell a goal of before from a new one.
+        # Without a goal, too: what a subscriber receives first is then of the past, and all that follows is new.
         self.goals.publish_changes(force=True)
         self._publish_status()
 
@@ -252,7 +252,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         return advances
 
     def _now(self) -> float:
-        """Return the node's time [s]; the first one after 0, i.e. after no message on /clock, is no jump of time."""
+        """Return the node's time [s]; what came before the first message on /clock is counted as of that message."""
         before, self._newest_time = self._newest_time, self.clock_watch.now()
         if before <= 0.0 < self._newest_time:
             self.supervisor.count_time_from(self._newest_time)

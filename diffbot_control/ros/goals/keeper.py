@@ -44,7 +44,7 @@ class GoalKeeper:
         goals.on_end.append(lambda _record: self.save())
 
     def restore(self) -> None:
-        """Drive on to the goal of the file, or end it with an answer; only the first call has an effect."""
+        """Drive on to the goal of the file, or end it; the caller publishes that. Only the first call has an effect."""
         if self._path is None or self._is_restored:
             return
         self._is_restored = True
@@ -83,8 +83,6 @@ class GoalKeeper:
             supervisor.give_up(reason)
         outcome = "has ended" if supervisor.goals.present is None else "is driven to again"
         self._node.get_logger().warning(f"{reason}: goal {saved.id} {outcome}")
-        self._goals.publish_changes(force=True)
-        self.save()
 
     def save(self) -> None:
         """Write the present goal if the file holds another state; otherwise renew the time of the file."""
