@@ -22,6 +22,7 @@ import rclpy
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.task import Future
 
 from diffbot_control.ros.messages.fields import fill_pose, pose_of, set_stamp, stamp_ns
 from diffbot_control.ros.navigator import Navigator, TaskResult
@@ -91,13 +92,17 @@ class Detector:
         node.create_subscription(Odometry, "ground_truth", self._on_truth, 10)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(node)
-        self._thread = threading.Thread(target=self._executor.spin, daemon=True)
+        self._closed = Future()
+        self._thread = threading.Thread(
+            target=self._executor.spin_until_future_complete, args=(self._closed,), daemon=True
+        )
         self._thread.start()
 
     def close(self) -> None:
         """Stop."""
-        self._executor.shutdown()
-        self._thread.join(5.0)
+        self._closed.set_result(None)
+        self._thread.join()
+        self._executor.shutdown()  # last: rclpy's does not wait for a callback that is under way
 
     def begin(self, fault: str) -> None:
         """Begin a run."""
