@@ -15,13 +15,16 @@ process without the source then print ``{"event": "inside", ...}``: milliseconds
 the return of the publication of its command.
 """
 
+# Nodes of this stack are imported where they are made: the filter's libraries take a second, which relays and drivers
+# need not wait for.
+
 from __future__ import annotations
 
 import math
 import signal
 import sys
 import time
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import rclpy
 from bare_nodes import GOAL, BarePlant, ClockedSource, OdometryRelay, TwistRelay, report
@@ -30,13 +33,14 @@ from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedE
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 
-from diffbot_control import ekf_node, robot_node
-from diffbot_control.controller_node import ControllerNode
-from diffbot_control.ekf_node import EkfNode
-from diffbot_control.ros.controller_publishers import ControllerPublishers
 from diffbot_control.ros.messages.conversions import goal_message
 from diffbot_core.ros.node import SPIN_TIMEOUT, make_executor, run_together
-from diffbot_sim.plant_node import PlantNode
+
+if TYPE_CHECKING:
+    from diffbot_control.controller_node import ControllerNode
+    from diffbot_control.ekf_node import EkfNode
+    from diffbot_control.ros.controller_publishers import ControllerPublishers
+    from diffbot_sim.plant_node import PlantNode
 
 CLOCKED, LOCKSTEP = "clocked", "lockstep"
 OURS, BARE, ROBOT = "ours", "bare", "robot"
@@ -70,10 +74,26 @@ class StepRate:
                 report("begin")
 
 
+def make_filter(scenario: str) -> EkfNode:
+    """Create the filter with its default options."""
+    from diffbot_control.ekf_node import EkfNode
+
+    return EkfNode(parameter_overrides=[reliable_inputs(scenario)])
+
+
 def make_control(scenario: str) -> ControllerNode:
     """Create the controller with its default options; in lock-step it answers from the first pose on, goal or not."""
+    from diffbot_control.controller_node import ControllerNode
+
     overrides = [Parameter("publish_when_idle", value=True)] if scenario == LOCKSTEP else []
     return ControllerNode(parameter_overrides=[*overrides, reliable_inputs(scenario)])
+
+
+def make_plant() -> PlantNode:
+    """Create the plant in lock-step; by its defaults a fix comes in each step (10 Hz, Ts 0.1 s)."""
+    from diffbot_sim.plant_node import PlantNode
+
+    return PlantNode(parameter_overrides=[Parameter("clock", value=LOCKSTEP)])
 
 
 def reliable_inputs(scenario: str) -> Parameter:
@@ -86,17 +106,13 @@ def make_nodes(scenario: str, side: str, names: list[str], seconds: float) -> li
     # In lock-step the chain to beat has neither parameter services nor rosout; at 50 Hz it is as rclpy makes it.
     lean = {"start_parameter_services": False, "enable_rosout": False} if scenario == LOCKSTEP else {}
     makers = {
-        FILTER: (lambda: EkfNode(parameter_overrides=[reliable_inputs(scenario)]))
-        if side == OURS
-        else lambda: OdometryRelay(**lean),
+        FILTER: (lambda: make_filter(scenario)) if side == OURS else lambda: OdometryRelay(**lean),
         CONTROL: (lambda: make_control(scenario)) if side == OURS else lambda: TwistRelay(**lean),
     }
     if scenario == CLOCKED:
         makers[SOURCE] = lambda: ClockedSource(seconds)
     else:
-        plant = Parameter("clock", value=LOCKSTEP)
-        # By the plant's defaults a fix comes in each step (10 Hz, Ts 0.1 s).
-        makers[SOURCE] = (lambda: PlantNode(parameter_overrides=[plant])) if side == OURS else lambda: BarePlant(**lean)
+        makers[SOURCE] = make_plant if side == OURS else lambda: BarePlant(**lean)
     return [makers[name]() for name in (SOURCE, FILTER, CONTROL) if name in names]
 
 
@@ -153,7 +169,9 @@ def work_forever(scenario: str, side: str, names: list[str]) -> int:
     """Run nodes of this stack until SIGINT as their executables do; return the exit status."""
     watch = Watch() if {FILTER, CONTROL} <= set(names) else None
     if side == ROBOT:
-        status = run_together(robot_node.make_nodes)
+        from diffbot_control.robot_node import make_nodes as make_robot
+
+        status = run_together(make_robot)
     else:
         status = run_together(lambda: iter(make_nodes(scenario, side, names, 0.0)))
     if watch is not None:
@@ -166,6 +184,9 @@ class Watch:
 
     def __init__(self) -> None:
         """Watch all nodes that this process makes from now on."""
+        from diffbot_control import ekf_node
+        from diffbot_control.ros.controller_publishers import ControllerPublishers
+
         self.durations: list[float] = []
         self.began = 0
         read, send = ekf_node.read_odometry, ControllerPublishers.send

@@ -162,7 +162,7 @@ def test_cancel_goal_follows_action_msgs(driven):
     assert cancel_goal(driven).return_code == response.ERROR_REJECTED
     send(driven, new_goal_id(), FAR)
     assert len(cancel_goal(driven, sec=2**31 - 1).goals_canceling) == 1, "all until then"
-    driven.peer.spin_until(lambda: twist(driven.commands[-1]) == (0.0, 0.0), what="rest")
+    driven.peer.spin_until(lambda: driven.commands and twist(driven.commands[-1]) == (0.0, 0.0), what="rest")
 
 
 def test_a_late_subscriber_receives_states_and_ends(driven):

@@ -50,7 +50,7 @@ def test_a_path_is_driven_through_its_poses_with_feedback(driven, action_peer):
 def test_cancelling_brakes_within_the_limits_and_ends_at_rest(driven, action_peer):
     to_pose = action_peer(driven.peer, "navigate_to_pose")
     handle = to_pose.send(pose=pose_stamped(*FAR))
-    driven.peer.spin_until(lambda: abs(twist(driven.commands[-1])[0]) > 0.3, what="motion")
+    driven.peer.spin_until(lambda: driven.commands and abs(twist(driven.commands[-1])[0]) > 0.3, what="motion")
     before = len(driven.commands)
     answer = to_pose.cancel(handle)
     assert [bytes(info.goal_id.uuid) for info in answer.goals_canceling] == [bytes(handle.goal_id.uuid)]

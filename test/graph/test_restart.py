@@ -31,7 +31,8 @@ def test_a_path_is_resumed_where_it_was_left_and_its_clients_learn_what_became_o
         assert task.id in file.read_text()
         assert waiting.wait_for_end(graph.PATIENCE)
         assert (given_up.end, given_up.reason) == (LOST, "the controller is gone")
-        bare.peer.spin_until(lambda: bare.truths[-1].twist.twist.linear.x == 0.0, what="standstill")
+        bare.catch_up()  # with all that the killed controller said
+        bare.peer.spin_until(lambda: bare.truths and bare.truths[-1].twist.twist.linear.x == 0.0, what="standstill")
         bare.controller_states.clear()
         bare.launch("controller", parameters, TRUE_POSES)
         bare.wait_until_ready("controller")

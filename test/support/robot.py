@@ -129,6 +129,7 @@ class Robot:
 
     def true_pose(self):
         self.catch_up()
+        self.peer.spin_until(lambda: self.truths, what="a true pose")
         return planar(self.truths[-1].pose.pose)
 
     def send_goal(self, *goal, tries=1):
