@@ -84,11 +84,13 @@ class DemoNode(DiffbotNode[DemoNodeConfig]):
 
     def _graph_is_ready(self) -> bool:
         required = {self.resolve_topic_name(topic) for topic in self.config.recorded_topics}
+        # Of goals the recorder is a subscriber beside the controller.
+        listeners = 1 + (self._goals.topic_name in required)
         return bool(
             required <= self._recorded
             and self._ekf_received
             and self._controller_state
-            and self._goals.get_subscription_count() >= 1
+            and self._goals.get_subscription_count() >= listeners
             and self._pause.service_is_ready()
         )
 

@@ -36,8 +36,8 @@ def numbers(text):
     return [float(word) for word in re.findall(r"-?\d+\.\d+", text)]
 
 
-def errors_in(bag):
-    """Return the distances [m] of estimates from the true poses of the same stamps, read by rosbags."""
+def positions_in(bag):
+    """Return true and estimated positions [m] by their stamps, read by rosbags."""
     positions = {
         topic: {
             stamp(message): complex(message.pose.pose.position.x, message.pose.pose.position.y) for _, message in rows
@@ -45,8 +45,7 @@ def errors_in(bag):
         for topic, rows in read(bag).items()
         if topic in ("/ground_truth", "/pose")
     }
-    truth, estimates = positions["/ground_truth"], positions["/pose"]
-    return [abs(estimates[stamp] - truth[stamp]) for stamp in truth.keys() & estimates.keys()]
+    return positions["/ground_truth"], positions["/pose"]
 
 
 def test_the_law_alone_reaches_the_goal_from_each_start(tmp_path, run):
@@ -66,12 +65,13 @@ def test_a_goal_is_driven_to_and_its_bag_is_plotted(tmp_path, run):
     *feedback, end = done.stdout.splitlines()
     assert end == "reached"
     distances = [numbers(line)[0] for line in feedback]
-    # The first feedback comes when the robot has driven for a while.
-    assert 0.5 < distances[0] < np.hypot(2.0, 5.5) + 0.6
-    assert distances[-1] < 0.1
+    # Held up, the program misses feedback.
+    assert all(0.0 <= one < np.hypot(2.0, 5.5) + 0.6 for one in distances)
 
     said = numbers(run(EXAMPLES / "plot_bag.py", "drive"))
-    errors = errors_in(tmp_path / "drive")
+    truth, estimates = positions_in(tmp_path / "drive")
+    assert abs(truth[max(truth)]) < 0.15
+    errors = [abs(estimates[stamp] - truth[stamp]) for stamp in truth.keys() & estimates.keys()]
     assert said[-2:] == pytest.approx([np.median(errors), max(errors)], abs=1e-3)
     assert (tmp_path / "plot_bag.png").is_file()
 

@@ -118,7 +118,7 @@ class Base:
 
 @pytest.fixture(scope="module")
 def base():
-    with robot(controller={**SPEED, "pose_lost_timeout": 2.0}, only=("robot",)) as running:
+    with robot(controller={**SPEED, "pose_lost_timeout": 4.0}, only=("robot",)) as running:
         yield Base(running)
 
 

@@ -4,6 +4,7 @@ import fcntl
 import importlib
 import sys
 
+import graph
 import pytest
 
 
@@ -36,9 +37,15 @@ class ActionPeer:
             on_feedback(message.feedback)
 
         self.feedback.clear()
-        sent = self.client.send_goal_async(self.type.Goal(**fields), take)
-        self.peer.spin_until(sent.done, what="the answer to a goal")
-        return sent.result()
+        sent = []
+
+        def answered():
+            # As Peer.call: an answer may be dropped.
+            sent.append(self.client.send_goal_async(self.type.Goal(**fields), take))
+            return self.peer.comes_true(sent[-1].done, graph.ANSWER)
+
+        graph.wait_for(answered, what="the answer to a goal")
+        return sent[-1].result()
 
     def result(self, handle):
         """Return status and result of a goal."""

@@ -74,7 +74,9 @@ print("after")
 
 def ended(block, status):
     code = HANG.format(block=block, status=status)
-    return subprocess.run([sys.executable, "-c", code], check=False, capture_output=True, text=True, timeout=60)
+    return subprocess.run(
+        [sys.executable, "-c", code], check=False, capture_output=True, text=True, timeout=graph.PATIENCE
+    )
 
 
 def test_a_process_that_hangs_with_python_locked_ends_with_its_status():

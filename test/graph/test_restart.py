@@ -17,6 +17,7 @@ RESTARTED = "the controller was restarted"
 def test_a_path_is_resumed_where_it_was_left_and_its_clients_learn_what_became_of_it(tmp_path):
     file, path = tmp_path / "goal.json", [Pose(-3.2, 0.2, 0.0), Pose(1.0, 0.2, 0.0)]
     parameters = {**ON_TRUTH, "goal_file": file, "resume_goal": True, "waypoint_radius": 0.3}
+    parameters["resume_timeout"] = 10.0 * graph.PATIENCE
     with (
         closing(GoalClient.in_own_context()) as waiting,
         closing(GoalClient.in_own_context(node_name="ahead", restart_timeout=graph.PATIENCE)) as ahead,

@@ -27,8 +27,9 @@ def main():
         time.sleep(0.01)
     for _ in range(int(times)):
         begin, wall, sent = time.monotonic(), time.time_ns(), 0
-        while (passed := time.monotonic() - begin) < seconds:
-            while sent < passed * rate:
+        while sent < seconds * rate:
+            due = min(time.monotonic() - begin, seconds) * rate
+            while sent < due:
                 message.pose.position.x = x + sent % 10
                 publisher.publish(message)
                 sent += 1

@@ -28,7 +28,7 @@ MODULES = {
 DOMAINS = range(20, 100)
 PATIENCE = 120.0
 """[s] that every wait has at least: a node may take a minute to start where a dozen processes want two cores"""
-_ANSWER = 10.0
+ANSWER = 10.0
 """[s] after which a service is asked again"""
 _QUIET = 0.03
 """[s] without a change in the graph"""
@@ -61,7 +61,8 @@ def _locked_domain():
     """Return a domain and the open lock file that keeps it; of those that no one uses, the one left longest ago."""
     ports = _udp_ports()
     folder = runtime_folder()
-    names = {domain: folder / f"test-domain-{domain}.lock" for domain in DOMAINS}
+    # The locks of diffbot_tools.demo.processes: programs that the tests start take no domain of theirs.
+    names = {domain: folder / f"domain-{domain}.lock" for domain in DOMAINS}
     left = {domain: path.stat().st_mtime if path.exists() else 0.0 for domain, path in names.items()}
     for domain in sorted(DOMAINS, key=left.get):
         # The ports of all participants of a domain, as DDS numbers them.
@@ -292,7 +293,7 @@ class Peer:
 
         def ask_again():
             futures.append(client.call_async(request or service_type.Request()))
-            return self.comes_true(answered, _ANSWER)
+            return self.comes_true(answered, ANSWER)
 
         try:
             self.spin_until(client.service_is_ready, timeout, f"the service {name}")
@@ -304,7 +305,7 @@ class Peer:
     def close(self):
         """Leave the graph, while nothing changes in it: otherwise Fast DDS may hang, see core/ros/forced_exit.py."""
         self.executor.shutdown()
-        before, deadline = None, time.monotonic() + _ANSWER
+        before, deadline = None, time.monotonic() + ANSWER
         while (now := self._graph()) != before and time.monotonic() < deadline:
             before = now
             time.sleep(_QUIET)

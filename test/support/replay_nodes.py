@@ -51,7 +51,10 @@ class Replay:
     def wait_for_end(self):
         """Spin until it has ended and all is received; return its exit status."""
         self.peer.spin_until(lambda: self.node.exit_code is not None, what="the end of the replay")
-        self.peer.spin_until_quiet()
+        count = -1
+        while count != len(self.messages):  # a wait in which this process was held up shows nothing
+            count = len(self.messages)
+            self.peer.spin_until_quiet()
         return self.node.exit_code
 
     def play(self):

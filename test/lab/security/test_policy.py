@@ -80,8 +80,8 @@ def test_the_policy_is_what_the_running_nodes_do():
     domain = PrivateDomain()
     try:
         with running_graph(domain.id) as observer:
-            graph.wait_for(lambda: present_rights(observer), 60.0, "all nodes")
-            assert graph.comes_true(is_the_policy, 30.0), to_xml(present_rights(observer), COMMENT)
+            graph.wait_for(lambda: present_rights(observer), what="all nodes")
+            assert graph.comes_true(is_the_policy, graph.PATIENCE), to_xml(present_rights(observer), COMMENT)
     finally:
         domain.release()
 
@@ -97,7 +97,12 @@ def test_a_node_that_cannot_be_protected_does_not_start_and_says_so_in_one_line(
     keys = {"ROS_SECURITY_KEYSTORE": str(tmp_path), "ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Enforce"}
     command = [sys.executable, "-m", "diffbot_sim.plant_node"]
     found = subprocess.run(
-        command, env={**graph.environment(), **keys}, capture_output=True, text=True, timeout=60, check=False
+        command,
+        env={**graph.environment(), **keys},
+        capture_output=True,
+        text=True,
+        timeout=graph.PATIENCE,
+        check=False,
     )
     assert found.returncode == 1
     (line,) = [line for line in found.stderr.splitlines() if line.startswith("error: ")]

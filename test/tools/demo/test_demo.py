@@ -136,6 +136,7 @@ def test_a_node_that_ends_ends_the_demo_and_leaves_no_results_of_an_earlier_run(
         (out / name).write_text("old")
     with graph.process(*command(out, "--overwrite", "--real-time")) as process:
         logged(out, "plant", "]: ready", process)
+        logged(out, "recorder", "]: ready", process)
         nodes = children(process.popen.pid)
         plant = next(pid for pid in nodes if b"plant_node" in Path(f"/proc/{pid}/cmdline").read_bytes())
         # Ended by somebody else, in good order: status 0.
@@ -159,6 +160,7 @@ with NodeProcesses(int(os.environ["ROS_DOMAIN_ID"]), Path(sys.argv[1])) as nodes
 def test_nodes_end_with_a_process_that_is_killed_and_their_bag_can_be_replaced(tmp_path):
     with graph.process(sys.executable, "-c", STARTER, str(tmp_path)) as process:
         logged(tmp_path, "recorder", "]: ready", process, folder="")
+        graph.wait_for(lambda: process.output.endswith("\n"), what="the number of its process")
         process.popen.kill()
         node = int(process.output)
         graph.wait_for(lambda: not is_running(node), what="the end of the node")

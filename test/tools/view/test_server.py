@@ -205,7 +205,7 @@ def test_a_browser_that_does_not_read_holds_nobody_up_and_then_gets_the_newest(s
 
 
 def test_a_browser_that_takes_no_message_in_time_loses_its_connection_alone(server, state, monkeypatch):
-    monkeypatch.setattr(connections, "SEND_TIMEOUT", 2.0)
+    monkeypatch.setattr(connections, "SEND_TIMEOUT", 4.0)
     # Pings would find it, too, but later, and not in every version of websockets.
     monkeypatch.setattr(connections.Connection, "start_keepalive", lambda _: None)
     small = socket.create_connection(("127.0.0.1", server.port))
