@@ -139,8 +139,11 @@ class Detector:
         if self.fault == LATE:
             self._waiting.append(message)
             return
-        if self.is_near and self.fault == FROZEN:
-            if self._frozen is None:
+        if self.fault == FROZEN:
+            # Of afar: where this process is held up, the robot may stand before its dock when the next one comes.
+            place = message.pose.pose.position
+            self.is_near = self.is_near or math.hypot(place.x, place.y) < NEAR
+            if not self.is_near or self._frozen is None:
                 self._frozen = message
             set_stamp(self._frozen.header.stamp, stamp_ns(message.header.stamp))
             message = self._frozen
@@ -173,8 +176,8 @@ class Scene:
             self._entered.append(one.__enter__())
         self.navigator = Navigator()
         self.detector = Detector()
-        if not self.navigator.waitUntilReady(60.0):
-            raise RuntimeError("no controller within 60 s")
+        if not self.navigator.waitUntilReady(graph.PATIENCE):
+            raise RuntimeError(f"no controller within {graph.PATIENCE:g} s")
         return self
 
     def __exit__(self, *error: object) -> None:

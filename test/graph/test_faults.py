@@ -61,7 +61,7 @@ class Drive(one_process.Fed):
     """A controller that drives by poses of the test."""
 
     def __init__(self, nodes, parameters=None):
-        super().__init__(nodes, ControllerNode, parameters)
+        super().__init__(nodes, ControllerNode, {"pose_timeout": 60.0, **(parameters or {})})
         self.commands = self.peer.subscribe(Twist, "cmd_vel", 100)
         self.time = 1000.0
 

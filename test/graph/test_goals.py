@@ -17,7 +17,7 @@ from diffbot_control.ros.navigator import Navigator, TaskResult
 from diffbot_core.geometry import Pose
 from diffbot_tools import cli
 
-NEAR, BESIDE, FAR = (-3.0, -4.5, 0.5), (-1.0, -4.0, 0.0), (60.0, -60.0, 0.0)
+NEAR, BESIDE, FAR = (-3.0, -4.5, 0.5), (-1.0, -4.0, 0.0), (600.0, -600.0, 0.0)
 LAST = (-9.0, -4.5, 0.5)
 """So far from the goal before it that the status, which comes twice a second, is about the way to it."""
 PLANT = {"clock": "scaled", "real_time_factor": 5.0, "seed": 3}
@@ -66,7 +66,7 @@ def cancel_goal(driven, goal_id="0" * 32, sec=0):
 
 def test_a_command_that_is_interrupted_cancels_its_goal(driven):
     with graph.diffbot("goal", *map(str, FAR)) as command:
-        driven.peer.spin_until(lambda: "60 -60 0" in goal_of(driven), what="the goal")
+        driven.peer.spin_until(lambda: "600 -600 0" in goal_of(driven), what="the goal")
         assert command.stop(signal.SIGINT) == 130
         assert "interrupted: goal cancelled\n" in command.output
     driven.wait_for_state("idle")
@@ -76,7 +76,7 @@ def test_a_command_that_is_interrupted_cancels_its_goal(driven):
     ("arguments", "status", "text"),
     [
         (("--no-wait",), 0, "goal [0-9a-f]{32} accepted\n"),
-        (("--timeout", "5"), 8, "not reached within --timeout 5 s: goal cancelled\n"),
+        (("--timeout", "10"), 8, "not reached within --timeout 10 s: goal cancelled\n"),
         (("--frame", UNKNOWN), 1, f"diffbot: goal refused: .*{UNKNOWN}.*\n"),
         (("--controller", "pilot", "--timeout", "1"), 1, "diffbot: no answer from /pilot/send_goal: does .*\n"),
     ],

@@ -215,6 +215,7 @@ class Peer:
         self.executor = executor(self.context) if executor else SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
         self._drains = executor is None
+        self._clients = {}
 
     def spin_until(self, condition, timeout=PATIENCE, what="the condition"):
         """Handle callbacks until ``condition()`` is true and return its value; fail after that time."""
@@ -285,7 +286,9 @@ class Peer:
         DDS drops the response to a client whose reader the server has not discovered yet, and says so in the server
         only. A client cannot tell; it asks again.
         """
-        client = self.node.create_client(service_type, name)
+        # Kept: a client that has had an answer loses none.
+        client = self._clients.get(name) or self.node.create_client(service_type, name)
+        self._clients[name] = client
         futures = []
 
         def answered():
@@ -295,12 +298,9 @@ class Peer:
             futures.append(client.call_async(request or service_type.Request()))
             return self.comes_true(answered, ANSWER)
 
-        try:
-            self.spin_until(client.service_is_ready, timeout, f"the service {name}")
-            wait_for(ask_again, timeout, f"an answer of {name}")
-            return next(future.result() for future in futures if future.done())
-        finally:
-            self.node.destroy_client(client)
+        self.spin_until(client.service_is_ready, timeout, f"the service {name}")
+        wait_for(ask_again, timeout, f"an answer of {name}")
+        return next(future.result() for future in futures if future.done())
 
     def close(self):
         """Leave the graph, while nothing changes in it: otherwise Fast DDS may hang, see core/ros/forced_exit.py."""
