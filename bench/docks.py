@@ -102,7 +102,7 @@ class Detector:
         """Stop."""
         self._closed.set_result(None)
         self._thread.join()
-        self._executor.shutdown()  # last: rclpy's does not wait for a callback that is under way
+        self._executor.shutdown()  # last: it does not wait for a running callback
 
     def begin(self, fault: str) -> None:
         """Begin a run."""
@@ -140,7 +140,8 @@ class Detector:
             self._waiting.append(message)
             return
         if self.fault == FROZEN:
-            # Of afar: where this process is held up, the robot may stand before its dock when the next one comes.
+            # The last one from farther away: if this process is held up, the robot may already stand at its staging
+            # pose when the next one arrives, and a frozen detection would then be true.
             place = message.pose.pose.position
             self.is_near = self.is_near or math.hypot(place.x, place.y) < NEAR
             if not self.is_near or self._frozen is None:

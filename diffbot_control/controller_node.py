@@ -101,7 +101,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self._start_anew()
         self._pose_watch.on_goal()
         self._keeper.restore()
-        # Without a goal, too: what a subscriber receives first is then of the past, and all that follows is new.
+        # Even without a goal: the first message that a subscriber receives is then the past, and all others are new.
         self.goals.publish_changes(force=True)
         self._publish_status()
 

@@ -84,7 +84,7 @@ class DemoNode(DiffbotNode[DemoNodeConfig]):
 
     def _graph_is_ready(self) -> bool:
         required = {self.resolve_topic_name(topic) for topic in self.config.recorded_topics}
-        # Of goals the recorder is a subscriber beside the controller.
+        # The recorder subscribes to goals as well as the controller.
         listeners = 1 + (self._goals.topic_name in required)
         return bool(
             required <= self._recorded

@@ -65,8 +65,8 @@ def test_a_goal_is_driven_to_and_its_bag_is_plotted(tmp_path, run):
     *feedback, end = done.stdout.splitlines()
     assert end == "reached"
     distances = [numbers(line)[0] for line in feedback]
-    # Held up, the program misses feedback.
-    assert all(0.0 <= one < np.hypot(2.0, 5.5) + 0.6 for one in distances)
+    # A program that is held up misses some of the feedback, not all.
+    assert 0.0 <= max(distances) < np.hypot(2.0, 5.5) + 0.6
 
     said = numbers(run(EXAMPLES / "plot_bag.py", "drive"))
     truth, estimates = positions_in(tmp_path / "drive")

@@ -104,24 +104,18 @@ def controller():
 
 def test_others_are_answered_beside_calls_of_any_length(controller, trials):
     with graph.peer("hostile") as hostile, graph.peer("other") as other, trials("long calls") as running:
-        # One that is known to the controller: answers to others may be dropped, or wait for discovery.
-        asking = other.node.create_client(GetParameters, "controller/get_parameters")
-
-        def answered(patience=graph.PATIENCE):
-            future = asking.call_async(GetParameters.Request(names=["gamma"]))
-            return other.comes_true(future.done, patience) and future.result().values
-
-        graph.wait_for(lambda: asking.service_is_ready() and answered(5.0), what="the first answer")
+        request = GetParameters.Request(names=["gamma"])
         for number in running:
             service, kind, make = LONG_CALLS[number % len(LONG_CALLS)]
             name = "controller/list_parameters" if service == "list" else f"controller/{service}_parameters"
             client = hostile.node.create_client(kind, name)
             hostile.spin_until(client.service_is_ready, what=f"the service {name}")
+            assert other.call(GetParameters, "controller/get_parameters", request).values
             answer = client.call_async(make(10**6))
             worst = 0.0
             while not answer.done():
                 begin = time.monotonic()
-                assert answered()
+                assert other.call(GetParameters, "controller/get_parameters", request).values
                 worst = max(worst, time.monotonic() - begin)
                 hostile.comes_true(answer.done, 0.001)
             refused = [one.reason for one in getattr(answer.result(), "results", ())]

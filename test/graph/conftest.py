@@ -37,15 +37,13 @@ class ActionPeer:
             on_feedback(message.feedback)
 
         self.feedback.clear()
-        sent = []
 
-        def answered():
-            # As Peer.call: an answer may be dropped.
-            sent.append(self.client.send_goal_async(self.type.Goal(**fields), take))
-            return self.peer.comes_true(sent[-1].done, graph.ANSWER)
+        def ask():
+            # Again if the response was dropped, see Peer.call.
+            sent = self.client.send_goal_async(self.type.Goal(**fields), take)
+            return self.peer.comes_true(sent.done, graph.ANSWER) and sent
 
-        graph.wait_for(answered, what="the answer to a goal")
-        return sent[-1].result()
+        return graph.wait_for(ask, what="the answer to a goal").result()
 
     def result(self, handle):
         """Return status and result of a goal."""

@@ -81,7 +81,7 @@ def test_the_robot_docks_and_undocks(staged, action_peer):
 
 
 def test_a_docking_is_cancelled_and_another_replaced(scene, action_peer):
-    staged = stage(scene, -3.0)  # so far that it does not dock before
+    staged = stage(scene, -3.0)  # so far that it is not docked before the cancellation
     dock, undock = action_peer(staged.peer, "dock_robot"), action_peer(staged.peer, "undock_robot")
     handle = dock.send(**SEEN)
     staged.peer.spin_until(lambda: dock.feedback, what="feedback")

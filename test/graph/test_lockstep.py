@@ -40,10 +40,7 @@ def robot():
 
 def test_same_path_as_the_closed_loop(robot):
     clocks = robot.peer.subscribe(Clock, "/clock", 1000)
-    path = go(robot, GOAL)
-    # As below: where a step was sent again, a fix may come late.
-    again = int(robot.diagnosis("plant").get("steps sent again", 0))
-    assert_same_path(path, GOAL, WORLD, tolerance=0.3 if again else 1e-9)
+    assert_same_path(go(robot, GOAL), GOAL, WORLD)
     times = [message.clock.sec * 10**9 + message.clock.nanosec for message in clocks]
     # A step whose answer was lost is sent again.
     assert {after - before for before, after in itertools.pairwise(times)} <= {0, PERIOD}

@@ -16,8 +16,8 @@ RESTARTED = "the controller was restarted"
 
 def test_a_path_is_resumed_where_it_was_left_and_its_clients_learn_what_became_of_it(tmp_path):
     file, path = tmp_path / "goal.json", [Pose(-3.2, 0.2, 0.0), Pose(1.0, 0.2, 0.0)]
-    parameters = {**ON_TRUTH, "goal_file": file, "resume_goal": True, "waypoint_radius": 0.3}
-    parameters["resume_timeout"] = 10.0 * graph.PATIENCE
+    parameters = {**ON_TRUTH, "goal_file": file, "resume_goal": True, "resume_timeout": 10.0 * graph.PATIENCE}
+    parameters["waypoint_radius"] = 0.3
     with (
         closing(GoalClient.in_own_context()) as waiting,
         closing(GoalClient.in_own_context(node_name="ahead", restart_timeout=graph.PATIENCE)) as ahead,
@@ -32,7 +32,7 @@ def test_a_path_is_resumed_where_it_was_left_and_its_clients_learn_what_became_o
         assert task.id in file.read_text()
         assert waiting.wait_for_end(graph.PATIENCE)
         assert (given_up.end, given_up.reason) == (LOST, "the controller is gone")
-        bare.catch_up()  # with all that the killed controller said
+        bare.catch_up()  # and take the last statuses of the killed controller before the list is cleared
         bare.peer.spin_until(lambda: bare.truths and bare.truths[-1].twist.twist.linear.x == 0.0, what="standstill")
         bare.controller_states.clear()
         bare.launch("controller", parameters, TRUE_POSES)

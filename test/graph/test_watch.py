@@ -151,7 +151,7 @@ def test_a_late_page_has_the_moment_of_a_link_wheels_fixes_and_box(page, peer, n
 
 
 def test_a_goal_by_keyboard_and_its_cancellation(page, peer):
-    # So far that the robot is not there before all is tried.
+    # A goal so far away that the robot does not arrive before the test has cancelled it.
     form = page.tab.locator("#pose-form")
     for name, value in (("x", "25"), ("y", "-3"), ("heading", "90")):
         form.locator(f"input[name={name}]").fill(value)

@@ -61,7 +61,7 @@ def _locked_domain():
     """Return a domain and the open lock file that keeps it; of those that no one uses, the one left longest ago."""
     ports = _udp_ports()
     folder = runtime_folder()
-    # The locks of diffbot_tools.demo.processes: programs that the tests start take no domain of theirs.
+    # The same locks as in diffbot_tools.demo.processes: a program under test takes no domain of another test.
     names = {domain: folder / f"domain-{domain}.lock" for domain in DOMAINS}
     left = {domain: path.stat().st_mtime if path.exists() else 0.0 for domain, path in names.items()}
     for domain in sorted(DOMAINS, key=left.get):
@@ -286,9 +286,10 @@ class Peer:
         DDS drops the response to a client whose reader the server has not discovered yet, and says so in the server
         only. A client cannot tell; it asks again.
         """
-        # Kept: a client that has had an answer loses none.
-        client = self._clients.get(name) or self.node.create_client(service_type, name)
-        self._clients[name] = client
+        # Kept between calls: once the server knows a client, it drops none of its responses.
+        if name not in self._clients:
+            self._clients[name] = self.node.create_client(service_type, name)
+        client = self._clients[name]
         futures = []
 
         def answered():
