@@ -1,11 +1,9 @@
 """The fault suite: short in ``make test``, full with ``--faults=full``; each process of ``make faults`` has a share."""
 
 import contextlib
-import os
 import random
 from pathlib import Path
 
-import graph
 import pytest
 from robot import robot
 from trials import Record
@@ -20,10 +18,6 @@ def pytest_configure(config):
     share = tuple(map(int, config.getoption("--faults-share").split("/")))
     path, full = config.getoption("--faults-results"), config.getoption("--faults") == "full"
     config.stash[_RECORD] = Record(full, share, path and Path(path))
-    if full:
-        # What is measured is what nodes have by default, on several machines: no shared memory.
-        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SYSTEM_DEFAULT"
-        os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(Path(graph.__file__).with_name("localhost_udp.xml"))
 
 
 def pytest_collection_modifyitems(config, items):

@@ -101,6 +101,7 @@ def test_the_stop_at_the_end_is_repeated_where_nobody_confirms_it(nodes, qos, ze
 def test_nodes_that_drive_have_no_shared_memory_that_a_dying_neighbour_could_block(module, given, shared):
     # Within this machine alone, but with the transports of nodes on several machines.
     environment = graph.environment(ROS_AUTOMATIC_DISCOVERY_RANGE="OFF", **given)
+    del environment["FASTRTPS_DEFAULT_PROFILES_FILE"]
     with graph.process(sys.executable, "-P", "-m", module, env=environment) as process:
         process.wait_for_output("ready")
         assert ("/dev/shm/fastrtps" in Path(f"/proc/{process.popen.pid}/maps").read_text()) == shared
