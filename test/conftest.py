@@ -28,8 +28,8 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 os.umask(0o022)
 # Wrong types in a message field raise instead of being sent.
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
-# What filter, controller and plant have by default, UDP alone, but within this machine: from the shared memory that
-# LOCALHOST brings, a process that was stopped for a second may never hear its neighbours again.
+# Localhost discovery by UDP alone, as filter, controller and plant use it by default. LOCALHOST would add shared
+# memory, by which a process that was stopped for a second or more may receive nothing afterwards.
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SYSTEM_DEFAULT"
 os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(Path(graph.__file__).with_name("localhost_udp.xml"))
 os.environ["ROS_DOMAIN_ID"] = str(graph.free_domain())
