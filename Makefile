@@ -65,7 +65,7 @@ browser:
 	fi
 
 test-fast: setup
-	@$(BIN)/pytest -n 2 --dist loadfile -m 'not graph and not install and not study' $(ARGS)
+	@$(BIN)/pytest -n 3 --dist loadfile -m 'not graph and not install and not study' $(ARGS)
 
 faults: setup
 	@$(BIN)/python bench/faults.py $(ARGS)
