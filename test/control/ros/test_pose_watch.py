@@ -31,8 +31,10 @@ class Story:
         return self.watch.on_pose(round((measured + 3600.0) * 1e9))
 
     def stops_at(self, config=CONFIG):
+        begin = self.now
         while not self.watch.is_stale(config):
             self.now += STEP
+            assert self.now < begin + 100.0, "the robot may drive for ever"
         return self.now
 
 
