@@ -24,19 +24,18 @@ if not len(run.estimate):
     sys.exit(f"{sys.argv[1]}: no /pose in it")
 
 time, *truth = run.truth.T
-known = run.estimate[:, 0]
-estimate = [np.interp(time, known, column, left=np.nan, right=np.nan) for column in run.estimate[:, 1:3].T]
-error = np.hypot(estimate[0] - truth[0], estimate[1] - truth[1])
+known, *estimate = run.estimate[:, :3].T
+error = np.hypot(*(one - np.interp(known, time, true) for one, true in zip(estimate, truth, strict=False)))
 print(f"{run.messages} messages, {len(time)} true poses, {time[-1]:.1f} s")
-print(f"error of the estimate: median {np.nanmedian(error):.3f} m, largest {np.nanmax(error):.3f} m")
+print(f"error of the estimate: median {np.median(error):.3f} m, largest {np.max(error):.3f} m")
 
 figure, (path, errors) = plt.subplots(1, 2, figsize=(10.0, 4.0), layout="constrained")
 path.plot(*run.fixes[:, 1:3].T, ".", color="grey", markersize=2, label="fixes")
 path.plot(*truth[:2], label="truth")
-path.plot(*run.estimate[:, 1:3].T, label="estimate")
+path.plot(*estimate, label="estimate")
 path.set(xlabel="x [m]", ylabel="y [m]")
 path.set_aspect("equal", adjustable="datalim")
 path.legend()
-errors.plot(time, error)
+errors.plot(known, error)
 errors.set(xlabel="t [s]", ylabel="error of the estimate [m]")
 figure.savefig(sys.argv[2] if len(sys.argv) == 3 else "plot_bag.png")

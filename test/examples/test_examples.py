@@ -71,7 +71,8 @@ def test_a_goal_is_driven_to_and_its_bag_is_plotted(tmp_path, run):
     said = numbers(run(EXAMPLES / "plot_bag.py", "drive"))
     truth, estimates = positions_in(tmp_path / "drive")
     assert abs(truth[max(truth)]) < 0.15
-    errors = [abs(estimates[stamp] - truth[stamp]) for stamp in truth.keys() & estimates.keys()]
+    # A process that is held up may leave some stamps out, of either.
+    errors = np.abs(list(estimates.values()) - np.interp(list(estimates), list(truth), list(truth.values())))
     assert said[-2:] == pytest.approx([np.median(errors), max(errors)], abs=1e-3)
     assert (tmp_path / "plot_bag.png").is_file()
 
