@@ -186,7 +186,7 @@ def test_too_many_browsers_are_refused(server):
 
 def test_a_browser_that_does_not_read_holds_nobody_up_and_then_gets_the_newest(server, state):
     small = socket.create_connection(("127.0.0.1", server.port))
-    small.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    small.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2**16)
 
     def newest(browser):
         """Read until the last state has come; return how many messages that took."""
