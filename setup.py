@@ -92,6 +92,7 @@ setup(
     package_data={
         **{name: ["py.typed"] for name in PACKAGES},
         "diffbot_lab.arena": ["*.json"],
+        "diffbot_tools.demo": ["*.xml"],
         "diffbot_tools.view": ["page/*"],
     },
     data_files=[

@@ -12,7 +12,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from scipy.stats import theilslopes
 
-from diffbot_tools.demo.processes import NodeProcesses, PrivateDomain
+from diffbot_tools.demo.processes import NodeProcesses, PrivateDomain, graph_environment
 
 START = (0.0, 0.0, 0.0)
 WARM_UP = 60.0
@@ -47,7 +47,7 @@ class Graph:
     def __init__(self, folder):
         """Prepare; logs go to ``folder``."""
         self._domain, self._folder = PrivateDomain(), folder
-        os.environ |= {"ROS_DOMAIN_ID": str(self._domain.id), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+        os.environ |= graph_environment(self._domain.id)
         self._nodes = NodeProcesses(self._domain.id, folder)
         self._running, self._samples, self._begun = {}, {}, {}
         self._tracebacks = 0

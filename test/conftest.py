@@ -3,12 +3,13 @@
 import os
 import signal
 import sys
-import tempfile
 from pathlib import Path
 
 import graph
 import pytest
 import requirements
+
+from diffbot_tools.demo.processes import localhost_discovery
 
 try:
     from hypothesis import settings
@@ -28,12 +29,8 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 os.umask(0o022)
 # Wrong types in a message field raise instead of being sent.
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
-# Localhost discovery by UDP alone, as filter, controller and plant use it by default. LOCALHOST would add shared
-# memory, by which a process that was stopped for a second or more may receive nothing afterwards.
-os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SYSTEM_DEFAULT"
-os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(Path(graph.__file__).with_name("localhost_udp.xml"))
+os.environ |= localhost_discovery()
 os.environ["ROS_DOMAIN_ID"] = str(graph.free_domain())
-os.environ["ROS_LOG_DIR"] = str(Path(tempfile.gettempdir()) / "diffbot_test_logs")
 # With wheels the packages stand in the environment itself; another installation's must not be found before them, but
 # those of an overlay on this environment may (`make real`).
 _PREFIXES = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
@@ -54,6 +51,12 @@ STUDIES = (
     "tools/calibration/",
     "tools/dataset/",
 )
+
+
+@pytest.fixture(scope="session", autouse=True)
+def ros_logs(tmp_path_factory):
+    """Have nodes log where pytest removes what earlier runs left."""
+    os.environ["ROS_LOG_DIR"] = str(tmp_path_factory.mktemp("ros"))
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -25,8 +25,8 @@ DOMAINS = range(1, 102)
 """Domain ids whose ports are below Linux's range of ephemeral ports."""
 BOUND = [sys.executable, "-I", "-S", str(Path(__file__).with_name("bound_process.py"))]
 """Begins the command of a process that ends with this one; -I and -S make it start quickly."""
-DISCOVERY_RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
-"""Environment variable: SUBNET (ROS's default), LOCALHOST, OFF or SYSTEM_DEFAULT."""
+_FAST_DDS = ("", "rmw_fastrtps_cpp", "rmw_fastrtps_dynamic_cpp")
+"""Values of RMW_IMPLEMENTATION; ROS's default is among them."""
 STOP_TIMEOUT = 15.0
 """[s] between SIGINT and SIGKILL."""
 
@@ -81,12 +81,26 @@ def _is_quiet(domain: int) -> bool:
     return True
 
 
+def localhost_discovery() -> dict[str, str]:
+    """Return the environment variables that keep a graph on this machine.
+
+    With Fast DDS this is a profile of UDP alone. LOCALHOST would add shared memory, by which a process that was stopped
+    for a second or more may receive nothing afterwards.
+    """
+    if os.environ.get("RMW_IMPLEMENTATION", "") not in _FAST_DDS:
+        return {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    return {
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT",
+        "FASTRTPS_DEFAULT_PROFILES_FILE": str(Path(__file__).with_name("localhost_udp.xml")),
+    }
+
+
 def graph_environment(domain: int) -> dict[str, str]:
     """Return the environment of a graph that stays on this machine."""
     return {
         **os.environ,
+        **localhost_discovery(),
         "ROS_DOMAIN_ID": str(domain),
-        DISCOVERY_RANGE: "LOCALHOST",
         "RCUTILS_COLORIZED_OUTPUT": "0",
         "PYTHONUNBUFFERED": "1",
     }

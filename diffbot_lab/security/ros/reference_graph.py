@@ -26,7 +26,7 @@ from diffbot_core.errors import DiffbotError
 from diffbot_lab.security.policy import Rights
 from diffbot_lab.security.ros.graph_rights import rights_of
 from diffbot_tools.demo.command import RECORDED_TOPICS
-from diffbot_tools.demo.processes import DISCOVERY_RANGE, NodeProcesses, PrivateDomain
+from diffbot_tools.demo.processes import NodeProcesses, PrivateDomain, localhost_discovery
 
 NAMESPACE = "/reference"
 PROCESSES = {
@@ -141,7 +141,7 @@ def reference_rights() -> AllRights:
         DiffbotError: if that takes too long.
     """
     domain = PrivateDomain()
-    os.environ[DISCOVERY_RANGE] = "LOCALHOST"
+    os.environ |= localhost_discovery()
     try:
         with running_graph(domain.id) as observer:
             begin = changed = time.monotonic()
