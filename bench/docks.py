@@ -56,8 +56,8 @@ class Docking(NamedTuple):
     end: str
     contact: tuple[float, float] | None
     """lateral error [m] and heading error [rad] of the true pose at the first contact"""
-    undocked: bool
-    """and out again; nothing to undock from counts as such"""
+    undocking: str
+    """how that ended then; empty after another end than ``reached``"""
 
     @property
     def is_beside(self) -> bool:
@@ -69,7 +69,7 @@ class Docking(NamedTuple):
         """True if it ended as it should."""
         answered = bool(self.end) and not self.is_beside
         if self.fault in HARMLESS:
-            return answered and self.end == "reached" and self.contact is not None and self.undocked
+            return answered and self.end == "reached" and self.contact is not None and self.undocking == "reached"
         return answered
 
 
@@ -163,19 +163,20 @@ class Scene:
         plant = {"clock": "scaled", "real_time_factor": SPEED, "seed": seed, "detection_rate": 10.0}
         plant |= {"dock_x": DOCK.x, "dock_y": DOCK.y, "dock_yaw": DOCK.theta, "max_cmd_vel_publishers": 2}
         remapped = ("-r", "detected_dock_pose:=seen_by_plant", "-r", f"dock_contact:={contact_topic}")
-        self._processes = [
-            graph.node("diffbot_sim.plant_node", plant, remapped),
-            graph.node("diffbot_control.robot_node", simulated | {"max_cmd_vel_publishers": 2}),
+        self._processes = {
+            "plant": graph.node("diffbot_sim.plant_node", plant, remapped),
+            "robot": graph.node("diffbot_control.robot_node", simulated | {"max_cmd_vel_publishers": 2}),
             # In simulated time that runs fast: as long in real time as by default.
-            graph.node("diffbot_control.docking_node", simulated | {"pose_lost_timeout": 5.0 * SPEED}),
-        ]
-        self._entered: list[graph.Process] = []
+            "docking": graph.node("diffbot_control.docking_node", simulated | {"pose_lost_timeout": 5.0 * SPEED}),
+        }
+        self.processes: dict[str, graph.Process] = {}
 
     def __enter__(self) -> "Scene":
         """Wait until the controllers take goals."""
-        for one in self._processes:
-            self._entered.append(one.__enter__())
-        self.navigator = Navigator()
+        for name, one in self._processes.items():
+            self.processes[name] = one.__enter__()
+        # A node that is held up on a busy machine answers later.
+        self.navigator = Navigator(restart_timeout=graph.PATIENCE)
         self.detector = Detector()
         if not self.navigator.waitUntilReady(graph.PATIENCE):
             raise RuntimeError(f"no controller within {graph.PATIENCE:g} s")
@@ -185,7 +186,7 @@ class Scene:
         """Stop the nodes."""
         self.detector.close()
         self.navigator.destroyNode()
-        for one in reversed(self._processes):
+        for one in reversed(self._processes.values()):
             one.__exit__(*error)
 
     def run(self, fault: str) -> Docking:
@@ -203,11 +204,10 @@ class Scene:
         self.detector.catch_up()
         contact = self.detector.contact
         self.detector.begin(NONE)
-        undocked = True
+        undocking = ""
         if end == "reached":
-            self.navigator.undock()
-            undocked = self.wait() == "reached"
-        return Docking(fault, end, contact, undocked)
+            undocking = self.wait() if self.navigator.undock() else "refused"
+        return Docking(fault, end, contact, undocking)
 
     def wait(self) -> str:
         """Return how the task ended; empty without an answer in time."""

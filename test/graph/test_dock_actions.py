@@ -108,4 +108,4 @@ def test_a_docking_is_cancelled_and_another_replaced(scene, action_peer):
 )
 def test_a_goal_that_cannot_be_served_is_rejected_with_a_reason(scene, action_peer, name, fields, reason):
     assert not action_peer(scene.peer, name).send(**fields).accepted
-    assert f"{name}: goal rejected: {reason}" in scene._entered[-1].output
+    assert f"{name}: goal rejected: {reason}" in scene.processes["docking"].output

@@ -1,14 +1,17 @@
 """Docking over DDS in processes of its own: contact, undocking, another dock, and who may drive."""
 
+import signal
 from contextlib import ExitStack
 
 import docks
+import graph
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
-from graph import private_domain
 from robot import LATCHED, pose_stamped
 
+from diffbot_control.goals.goal_record import RESTART_TIMEOUT
+from diffbot_control.ros.goals.client import LOST, GoalClient, Task
 from diffbot_control.ros.navigator import TaskResult
 from diffbot_core.geometry import Pose, out_of_frame
 
@@ -18,7 +21,7 @@ pytestmark = pytest.mark.graph
 @pytest.fixture(scope="module")
 def scene():
     """The nodes, and a navigator."""
-    with private_domain(), ExitStack() as stack:
+    with graph.private_domain(), ExitStack() as stack:
         rclpy.init()
         stack.callback(rclpy.try_shutdown)
         running = stack.enter_context(docks.Scene(seed=11))
@@ -32,39 +35,59 @@ def wait_until_released(scene):
     assert scene.navigator.spin_until(lambda: scene.statuses and scene.statuses[-1].message == "idle", 30.0)
 
 
+def go_to(scene, x):
+    """Send a goal before the dock."""
+    assert scene.navigator.goToPose(pose_stamped(*out_of_frame(Pose(x, 0.0, 0.0), docks.DOCK)))
+
+
 @pytest.mark.parametrize("fault", docks.FAULTS)
 def test_the_robot_meets_its_dock_or_none_and_is_answered(scene, fault):
     done = scene.run(fault)
     assert done.end, "no answer"
     assert not done.is_beside, done
     if fault in docks.HARMLESS:
-        assert done.end == "reached", done
+        assert done.end == done.undocking == "reached", done
         assert done.contact is not None
-        assert done.undocked
     else:
         assert done.end.startswith(("not reached: ", "pose lost: ")), done
 
 
 def test_a_goal_in_map_lets_go_of_the_dock_and_a_docking_of_the_goal_in_map(scene):
     navigator = scene.navigator
-
-    def go_to(x):
-        assert navigator.goToPose(pose_stamped(*out_of_frame(Pose(x, 0.0, 0.0), docks.DOCK)))
-
-    go_to(-1.5)
+    go_to(scene, -1.5)
     assert scene.wait() == "reached"
     assert navigator.undock()  # now the clients for docking have found their controller, and that sees its dock
     assert scene.wait() == "reached"
     wait_until_released(scene)
-    go_to(-100.0)  # so far that the robot does not arrive before the docking begins, on a busy machine either
+    go_to(scene, -100.0)  # so far that the robot does not arrive before the docking begins, on a busy machine either
     drive = navigator.task
     assert navigator.spin_until(lambda: drive.feedback is not None, 30.0)
     assert navigator.dock()
     assert navigator.wait_for_end(60.0)
     assert drive.end == "cancelled", drive.reason
     docking = navigator._docking
-    go_to(-1.5)
+    go_to(scene, -1.5)
     assert docking.wait_for_end(60.0)
     assert docking.task.end == "cancelled", docking.task.reason
     assert scene.wait() == "reached"
     assert navigator.getResult() == TaskResult.SUCCEEDED
+
+
+def test_a_docking_waits_as_long_for_its_controller_as_the_navigator_was_told(scene):
+    navigator = scene.navigator
+    go_to(scene, -1.5)
+    assert scene.wait() == "reached"
+    assert navigator.dock()
+    docking = navigator._docking
+    impatient = GoalClient("impatient", controller="dock_controller", restart_timeout=2.0 * RESTART_TIMEOUT)
+    impatient.task = Task(docking.task.id)
+    held_up = scene.processes["docking"].popen
+    held_up.send_signal(signal.SIGSTOP)
+    try:
+        graph.wait_for(lambda: navigator.isTaskComplete() or impatient.wait_for_end(0.1), what="an end")
+    finally:
+        held_up.send_signal(signal.SIGCONT)
+        impatient.close(shut_down=False)
+    assert impatient.task.end == LOST
+    assert scene.wait()
+    assert docking.task.end != LOST
