@@ -101,7 +101,7 @@ def send(peer: Any, receivers: list[Any], seconds: float) -> tuple[int, list[flo
             publisher.publish(bytes(data))
         if (left := begin + (index + 1) * len(publishers) / RATE - time.perf_counter()) > 0.0:
             time.sleep(left)
-    # A message that shared memory dropped is sent again, after seconds.
+    # A message that was dropped on its way is sent again, after seconds.
     for publisher in publishers:
         publisher.wait_for_all_acked(Duration(seconds=graph.PATIENCE))
     peer.spin_for(0.5)

@@ -28,6 +28,7 @@ from measures import Pair, make_rows
 from tqdm import tqdm
 
 from diffbot_core.files import write_json, write_text
+from diffbot_tools.demo.processes import localhost_discovery
 
 ROOT = Path(__file__).resolve().parents[1]
 PARTS = ("latency", "lockstep", "batch", "campaign", "recorder", "replay", "repair", "cut", "page")
@@ -144,7 +145,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the parts, print the table; return the exit status."""
     options = parse(arguments)
     sys.path += [str(ROOT / "test" / "support"), str(ROOT / "docs")]
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    os.environ |= localhost_discovery()
     begin, result = time.monotonic(), {**conditions(), "quick": options.quick, "parts": {}}
     print(headline(result), flush=True)
     for name in options.parts:
