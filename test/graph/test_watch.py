@@ -256,12 +256,12 @@ def test_the_dock_its_detections_and_the_phase_appear(page, peer):
     )
     statuses = peer.publisher(DiagnosticStatus, "dock_controller/status", LATCHED)
     peer.wait_for_subscribers(poses, seen, statuses)
-    # A robot that still comes to rest from the test before could be drawn over the dock.
     peer.spin_until(lambda: peer.statuses[-1].message == "idle", what="rest")
     estimates.clear()
     peer.spin_until(lambda: len(estimates) > 5, what="estimates")
     robot = Pose(*planar(estimates[-2].pose.pose))
-    dock = Pose(robot.x + 1.0, robot.y + 0.5, 0.5)
+    # Far from all that the tests before have driven: a path would be drawn over the dock.
+    dock = Pose(robot.x + 20.0, robot.y + 5.0, 0.5)
     in_dock = PoseWithCovarianceStamped(header=estimates[-2].header)
     in_dock.pose.pose = pose_stamped(*into_frame(robot, dock)).pose
     in_dock.pose.covariance[[0, 7, 35]] = 1e-4
