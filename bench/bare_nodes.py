@@ -106,7 +106,8 @@ class ClockedSource(Node):
     def on_tick(self) -> None:
         now = time.monotonic_ns()
         if self.measuring and self.steps_left == 0:
-            if not self.waiting or now - self.waiting[-1] > _PATIENCE * 1e9:
+            # A chain that was held up from the first step on answers later.
+            if not self.waiting or (self.latencies and now - self.waiting[-1] > _PATIENCE * 1e9):
                 self.end()
             return
         self.steps_left -= self.measuring

@@ -64,7 +64,8 @@ class StepRate:
     def look(self, step: int) -> None:
         now = time.monotonic()
         if self.measuring:
-            if now - self.began >= self.seconds:
+            # A chain that was held up has a rate, too.
+            if now - self.began >= self.seconds and step > self.first_step:
                 self.done = True
                 report("end", rate=(step - self.first_step) / (now - self.began))
         elif step > 1:

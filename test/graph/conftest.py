@@ -32,14 +32,14 @@ class ActionPeer:
     def send(self, on_feedback=lambda feedback: None, **fields):
         """Send a goal and return its handle."""
 
-        def take(message):
-            self.feedback.append(message.feedback)
-            on_feedback(message.feedback)
-
-        self.feedback.clear()
-
         def ask():
-            # Again if the response was dropped, see Peer.call.
+            # Again if the response was dropped, see Peer.call; feedback of the goal before does not count then.
+            self.feedback = mine = []
+
+            def take(message):
+                mine.append(message.feedback)
+                on_feedback(message.feedback)
+
             sent = self.client.send_goal_async(self.type.Goal(**fields), take)
             return self.peer.comes_true(sent.done, graph.ANSWER) and sent
 

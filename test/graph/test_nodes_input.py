@@ -197,7 +197,8 @@ def test_controller_goes_on_as_if_the_bad_messages_had_not_come(nodes, capfd):
 
 
 def test_controller_takes_corrections_of_its_goal_and_drops_old_repeated_and_far_ones(nodes, capfd):
-    fed = one_process.Fed(nodes, ControllerNode, {"pose_source": "odometry", "pose_timeout": 60.0})
+    parameters = {"pose_source": "odometry", "pose_timeout": 60.0, "goal_update_timeout": 60.0}
+    fed = one_process.Fed(nodes, ControllerNode, parameters)
     supervisor, counted = fed.node.supervisor, fed.node.health.counted
 
     def update(x, age=0.0):
@@ -215,7 +216,7 @@ def test_controller_takes_corrections_of_its_goal_and_drops_old_repeated_and_far
     assert supervisor.goal == (5.1, 0.0, 0.0)
     sent = [
         (seen, "stamp not later than the one before"),
-        (update(5.2, age=2.0), "stamp too old"),
+        (update(5.2, age=100.0), "stamp too old"),
         (update(5.7), "far from the goal"),
         *((changed(update(5.2), fields), kind) for fields, kind in GOALS),
     ]

@@ -76,4 +76,7 @@ def test_a_tutorial_prints_what_it_shows(name, printed):
     shown = tutorial_run.outputs(TUTORIALS[name], printed[name].result())
     assert shown
     for block, output in shown:
-        assert tutorial_run.comparable(output, block.title) == tutorial_run.comparable(block.body, block.title)
+        printed_lines, lines = (tutorial_run.comparable(text, block.title) for text in (output, block.body))
+        # A program that is held up misses some of the feedback.
+        assert set(printed_lines) <= set(lines)
+        assert [one for one in printed_lines if " to go" not in one] == [one for one in lines if " to go" not in one]

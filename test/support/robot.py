@@ -19,10 +19,17 @@ ON_TRUTH, TRUE_POSES = {"pose_source": "odometry"}, ("-r", "controller:odometry/
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 DEEP = QoSProfile(depth=100_000)
 """The test takes a message later than it comes: none may be pushed out."""
+
+
+def kept(*topics):
+    """Parameters by which publishers keep what a test that is held up has not received."""
+    return {f"qos_overrides.{topic}.publisher.depth": 1000 for topic in topics}
+
+
 LOCKSTEP = {
-    "plant": {"clock": "lockstep", "start_paused": True, "start_time": 1000.0},
-    "ekf": {"reliable_inputs": True, **SIMULATED},
-    "controller": {"publish_when_idle": True, "reliable_inputs": True, **SIMULATED},
+    "plant": {"clock": "lockstep", "start_paused": True, "start_time": 1000.0, **kept("/ground_truth", "/clock")},
+    "ekf": {"reliable_inputs": True, **SIMULATED, **kept("/pose")},
+    "controller": {"publish_when_idle": True, "reliable_inputs": True, **SIMULATED, **kept("/cmd_vel")},
 }
 """Parameters of a robot that runs as fast as it goes."""
 TOPICS = {

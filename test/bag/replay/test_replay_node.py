@@ -117,7 +117,7 @@ def test_until_selection_and_both_kinds_of_remapping(nodes, bag):
 
 def test_the_clock_replaces_a_recorded_one(nodes, bag):
     topics = {name: TOPICS[name] for name in ("/a", "/clock")}
-    replay = play(nodes, bag, topics, wait_for_topics=["/a"], clock=50.0, start_offset=0.2)
+    replay = play(nodes, bag, topics, wait_for_topics=["/a"], clock=50.0, start_offset=0.2, rate=0.4)
     stamps = [deserialize_message(data, Clock).clock for data in replay.of("/clock")]
     times = [stamp.sec * 10**9 + stamp.nanosec for stamp in stamps]
     assert times == sorted(times)

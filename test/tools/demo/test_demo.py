@@ -111,7 +111,7 @@ def test_watched_it_shows_a_page_and_stays_until_signals_end_all_processes_and_l
         assert (out / "report.html").is_file()
         nodes = children(process.popen.pid)
         assert len(nodes) >= 4
-        for number in (signal.SIGINT, signal.SIGINT, signal.SIGTERM, signal.SIGINT):
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGINT):
             before = sum(map(is_running, nodes))
             process.send(number)
             # The next one comes when the demo is busy with ending its nodes.
