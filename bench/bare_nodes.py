@@ -106,7 +106,7 @@ class ClockedSource(Node):
     def on_tick(self) -> None:
         now = time.monotonic_ns()
         if self.measuring and self.steps_left == 0:
-            # A chain that was held up from the first step on answers later.
+            # Before the first answer nothing is taken as lost: the chain may be held up.
             if not self.waiting or (self.latencies and now - self.waiting[-1] > _PATIENCE * 1e9):
                 self.end()
             return

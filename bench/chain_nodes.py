@@ -64,7 +64,7 @@ class StepRate:
     def look(self, step: int) -> None:
         now = time.monotonic()
         if self.measuring:
-            # A chain that was held up has a rate, too.
+            # Not before a step is made: a chain that was held up would have no rate.
             if now - self.began >= self.seconds and step > self.first_step:
                 self.done = True
                 report("end", rate=(step - self.first_step) / (now - self.began))

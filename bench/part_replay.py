@@ -93,7 +93,7 @@ def seeks(bag: Path, count: int, number: int) -> dict[str, Pair]:
 
     generator, inexact, took = random.Random(1), 0, []
     with receiving(bag, start_paused=True) as (peer, _, received, _):
-        # Of nothing: a first answer may be dropped, and a seek that is asked for again would give its message twice.
+        # An empty request first: DDS may drop a first answer, and a repeated seek would publish its message twice.
         change(peer)
         for _ in range(number):
             target = generator.randrange(count)

@@ -62,16 +62,9 @@ _RESULTS = {"": TaskResult.UNKNOWN, LOST: TaskResult.UNKNOWN} | {
 class Navigator(GoalClient):
     """BasicNavigator's way to drive to goals; see :class:`GoalClient` for the arguments."""
 
-    def __init__(
-        self,
-        node_name: str = "navigator",
-        namespace: str = "",
-        controller: str = "controller",
-        frame: str = "map",
-        **options: Any,
-    ) -> None:
+    def __init__(self, node_name: str = "navigator", namespace: str = "", **options: Any) -> None:
         """Create the node, its clients and the publisher of ``initialpose``; ``options`` hold for docking, too."""
-        super().__init__(node_name, namespace, controller, frame, **options)
+        super().__init__(node_name, namespace, **options)
         self._names = f"{node_name}_dock", namespace
         self._options = {**options, "context": self.context}
         self._docking: GoalClient | None = None
@@ -172,7 +165,7 @@ class Navigator(GoalClient):
             if self._docking is not None:
                 self._docking.close(shut_down=False)
             name, namespace = self._names
-            self._docking = GoalClient(name, namespace, controller, "dock", **self._options)
+            self._docking = GoalClient(name, namespace, **self._options | {"controller": controller, "frame": "dock"})
         self._present = self._docking
         try:
             self._docking.send_goal([pose])

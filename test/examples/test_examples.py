@@ -65,7 +65,7 @@ def test_a_goal_is_driven_to_and_its_bag_is_plotted(tmp_path, run):
     *feedback, end = done.stdout.splitlines()
     assert end == "reached"
     distances = [numbers(line)[0] for line in feedback]
-    # A program that is held up misses some of the feedback, not all.
+    # A program that is held up misses feedback.
     assert 0.0 <= max(distances, default=0.0) < np.hypot(2.0, 5.5) + 0.6
 
     said = numbers(run(EXAMPLES / "plot_bag.py", "drive"))

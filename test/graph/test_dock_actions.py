@@ -58,8 +58,7 @@ def test_the_robot_docks_and_undocks(staged, action_peer):
     dock, undock = action_peer(staged.peer, "dock_robot"), action_peer(staged.peer, "undock_robot")
     status, result = dock.result(dock.send(**SEEN))
     assert (status, result.success, result.error_code) == (GoalStatus.STATUS_SUCCEEDED, True, 0), result
-    # A detector that is held up may cost an approach.
-    assert (result.num_retries < 3, result.error_msg) == (True, "")
+    assert (result.num_retries, result.error_msg) == (0, "")
     staged.detector.catch_up()
     assert abs(staged.detector.truth.x) < 0.05
 

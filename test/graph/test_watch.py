@@ -193,7 +193,7 @@ def test_pause_reset_and_initial_pose(page, peer):
         page.wait(f"{button} === '{is_paused}'", f"paused: {is_paused}")
         assert page.text("[title^=Pause]") == ("Resume" if is_paused == "true" else "Pause")
         page.wait(f"(document.getElementById('state').textContent === 'paused') === {is_paused}", "the state")
-    # A place of after now, when the robot has come to rest: more than a queue of true poses.
+    # The true pose at rest, not the last one of the test before: more must come than the queues hold.
     peer.truth.clear()
     peer.spin_until(lambda: len(peer.truth) > 12, what="true poses")
     before = place(peer)
