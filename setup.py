@@ -156,6 +156,6 @@ setup(
             "ruff>=0.8",
             "types-PyYAML>=6.0",
         ],
-        "docs": ["anybadge>=1.16", "mkdocs>=1.6", "mkdocs-material>=9.6", "mkdocstrings-python>=2.0"],
+        "docs": ["mkdocs>=1.6", "mkdocs-material>=9.6", "mkdocstrings-python>=2.0"],
     },
 )
