@@ -37,7 +37,7 @@ class Block(NamedTuple):
 
 def tutorials() -> list[Path]:
     """Return the pages that have something to run."""
-    return [page for page in sorted(PAGES.glob("*.md")) if page.name not in ("index.md", "picture.md")]
+    return [page for page in sorted(PAGES.glob("*.md")) if page.name != "index.md"]
 
 
 def blocks(text: str) -> list[Block]:
