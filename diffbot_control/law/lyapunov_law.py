@@ -2,7 +2,7 @@
 
 The robot's velocity along its real axis is gamma tanh(rho) cos(alpha) in *both* sectors. The paper prints a minus sign
 for the rear one because it reverses the forward direction there ("v := -v"); with the kinematics (3) that sign, taken
-literally, drives away from a goal behind the robot. See docs/explanation/law/paper.md.
+literally, drives away from a goal behind the robot. See docs/explanation/law.md.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class Gains(NamedTuple):
     """Gains of the laws (13) and (17).
 
     The defaults put a double pole at -lambda = -2 /s near the goal: k = 2 lambda, h = (lambda / gamma)^2; see
-    docs/explanation/law/paper.md.
+    docs/explanation/law.md.
     """
 
     gamma: Annotated[float, Spec("gamma, bound of |v|", "m/s", *SPEED)] = 1.3

@@ -79,7 +79,7 @@ def test_a_goal_is_driven_to_and_its_bag_is_plotted(tmp_path, run):
 
 @pytest.mark.study
 def test_the_study_tells_the_presets_apart(tmp_path, run):
-    """The paper's law leaves a lateral error of 0.2 to 0.35 m (docs/explanation/law/paper.md)."""
+    """The paper's law leaves a lateral error of 0.2 to 0.35 m (docs/explanation/law.md)."""
     paper, tuned = (numbers(line) for line in run(EXAMPLES / "monte_carlo.py", 200).splitlines())
     assert paper[0] < 40.0
     assert tuned[0] > 95.0

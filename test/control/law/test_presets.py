@@ -33,7 +33,7 @@ def test_every_preset_is_valid_and_survives_conversion_to_parameters(name):
 
 @pytest.mark.parametrize(("name", "reached"), [("tuned", False), ("paper_covariance", False), ("paper", True)])
 def test_only_the_papers_preset_accepts_the_lateral_error_of_its_fixed_region(name, reached):
-    """The paper's own end state of simulation A, y = 0.1049 m; see docs/explanation/law/paper.md."""
+    """The paper's own end state of simulation A, y = 0.1049 m; see docs/explanation/law.md."""
     memory = ControllerMemory(Switching(OMEGA_L))
     for _ in range(4):
         memory, _, _ = step(memory, Pose(0.0028, 0.1049, 0.0066), ORIGIN, 0.1, PRESETS[name])
