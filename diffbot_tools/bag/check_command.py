@@ -24,7 +24,7 @@ def add_check(verbs: Any) -> None:
     check = verbs.add_parser("check", help="compare a bag with a contract of topics, rates, gaps ...", epilog=_HELP)
     check.add_argument("bag", type=Path, help="folder of the bag, or an .mcap file")
     check.add_argument(
-        "contract", type=Path, nargs="?", metavar="CONTRACT.yaml", help="its rules (docs/reference/bags)"
+        "contract", type=Path, nargs="?", metavar="CONTRACT.yaml", help="its rules (docs/reference/bag-check.md)"
     )
     check.add_argument("--write", type=Path, metavar="NEW.yaml", help="draft a contract from a good bag instead")
     check.add_argument("--json", action="store_true", help="print the results as JSON")
@@ -75,7 +75,7 @@ def _measure(bag: Path) -> tuple[BagInfo, dict[str, Consistency]]:
 
 
 def results_as_plain(bag: Path, contract: Path, results: list[Result]) -> dict[str, Any]:
-    """Return the content of ``--json``; docs/reference/bags/check.md describes it."""
+    """Return the content of ``--json``; docs/reference/bag-check.md describes it."""
     return {
         "schema_version": 1,
         "bag": str(bag),

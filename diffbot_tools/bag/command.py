@@ -25,7 +25,7 @@ _VERBS = (
 
 def add_bag(commands: Any) -> None:
     """Add ``diffbot bag`` to the subparsers of the command line."""
-    bag = commands.add_parser("bag", help="look at recorded bags, check and change them (docs/reference/bags)")
+    bag = commands.add_parser("bag", help="look at recorded bags, check and change them (docs/reference/bags.md)")
     verbs = bag.add_subparsers(required=True, metavar="VERB", dest="verb")
     for add in _VERBS:
         add(verbs)

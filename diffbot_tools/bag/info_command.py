@@ -14,7 +14,7 @@ def add_info(verbs: Any) -> None:
     info = verbs.add_parser("info", help="files, times and topics, with rates, gaps, losses and latency of stamps")
     info.add_argument("bag", type=Path, help="folder of the bag, or an .mcap file")
     info.add_argument("--quick", action="store_true", help="only from the index: no figures of messages")
-    info.add_argument("--json", action="store_true", help="print JSON (docs/reference/bags/inspect.md)")
+    info.add_argument("--json", action="store_true", help="print JSON (docs/reference/bags.md)")
     info.set_defaults(call=_call)
 
 
