@@ -35,7 +35,7 @@ def with_parameters(page: str) -> str:
     Raises:
         ValueError: a pattern of a block matches no parameter of its node.
     """
-    return _BLOCK.sub(lambda block: f"{block[1]}{_list(block[2], block[3].split())}\n{block[4]}", page)
+    return _BLOCK.sub(lambda block: f"{block[1]}\n{_list(block[2], block[3].split())}\n{block[4]}", page)
 
 
 def shown(page: str) -> list[tuple[str, str]]:
@@ -58,11 +58,11 @@ def _selected(node: str, patterns: list[str]) -> list[Parameter]:
 def _list(node: str, patterns: list[str]) -> str:
     tuned, paper = (to_dict(CONTROLLER_PRESETS[name]) if node == "controller" else {} for name in (TUNED, PAPER))
     all_fixed = all(one.spec.read_only for one in parameters_of(NODES[node]))
-    return "\n".join(_entry(one, tuned, paper, not all_fixed) for one in _selected(node, patterns))
+    return "\n\n".join(_entry(one, tuned, paper, not all_fixed) for one in _selected(node, patterns))
 
 
 def _entry(parameter: Parameter, tuned: dict[str, Any], paper: dict[str, Any], mark_fixed: bool) -> str:
-    """Return one line: name, default with unit, and in parentheses the range and what else limits the value."""
+    """Return one paragraph: name, default with unit, and in parentheses the range and what else limits the value."""
     name, spec = parameter.name, parameter.spec
     default, unit = _text(tuned.get(name, parameter.default)), spec.unit
     if unit not in ("", "-"):
@@ -74,7 +74,7 @@ def _entry(parameter: Parameter, tuned: dict[str, Any], paper: dict[str, Any], m
         notes.append("fixed")
     limits = "; ".join(filter(None, notes))
     text = spec.text.replace("*", "\\*").replace("<", "&lt;")
-    return f"- **`{name}`** {default}{f' ({limits})' if limits else ''}: {text}"
+    return f"**`{name}`** {default}{f' ({limits})' if limits else ''}: {text}"
 
 
 def _range(parameter: Parameter) -> str:
