@@ -77,6 +77,12 @@ def test_a_goal_is_driven_to_and_its_bag_is_plotted(tmp_path, run):
     assert (tmp_path / "plot_bag.png").is_file()
 
 
+def test_the_law_on_the_page_is_the_example():
+    page = (EXAMPLES.parent / "docs/how-to/own-law.md").read_text()
+    (law,) = re.findall(r'^```python title="straight_line.py"\n(.*?)^```$', page, re.M | re.S)
+    assert law in (EXAMPLES / "straight_line.py").read_text().replace("import sys\n", "")
+
+
 @pytest.mark.study
 def test_the_study_tells_the_presets_apart(tmp_path, run):
     """The paper's law leaves a lateral error of 0.2 to 0.35 m (docs/explanation/law.md)."""
