@@ -26,7 +26,7 @@ DURATION = 30.0
 EPS_P = 0.5
 """[m] the paper states a condition, which holds above 0.474 m, but no value"""
 VANISHING_EPS_P = 0.25
-"""[m] of the reading in which the position noise vanishes at the goal; see scan.py"""
+"""[m] of the reading in which the position noise vanishes at the goal: docs/results/reproduction.md"""
 NEAR_GOAL = 1.0
 """[m] in that reading, distance from the goal within which the position noise shrinks"""
 GOAL = Pose(0.0, 0.0, 0.0)
