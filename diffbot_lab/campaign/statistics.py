@@ -124,7 +124,7 @@ def _pairs(bins: Any) -> Iterable[tuple[int, int]]:
 
 
 def count_outcomes(outcomes: Array) -> dict[str, Any]:
-    """Turn outcomes (runs, 9), columns as batch.COLUMNS, into counts that can be added and written as JSON."""
+    """Turn outcomes (runs, 12), columns as batch.COLUMNS, into counts that can be added and written as JSON."""
     column = {name: outcomes[:, index] for index, name in enumerate(COLUMNS)}
     values = {
         **{metric: column[metric] for metric in METRICS if metric in column},

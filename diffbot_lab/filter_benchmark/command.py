@@ -121,7 +121,7 @@ def _share_inside(nis: Array, innovations: Array) -> float:
     return float(((low <= nis) & (nis <= high)).mean())
 
 
-def run_benchmark(runs: int, seed: int, threads: int | None = None) -> dict[str, Any]:
+def run_benchmark(runs: int, seed: int) -> dict[str, Any]:
     """Execute all runs of all cases, with a progress bar on a terminal; return the content of results.json.
 
     Raises:
@@ -137,7 +137,7 @@ def run_benchmark(runs: int, seed: int, threads: int | None = None) -> dict[str,
                 filters = {}
                 for name in FILTERS:
                     case = drive_of(scenario, odometry_rate, fix_rate, name)
-                    filters[name] = figures_of(run_drives(case, seed, runs, threads))
+                    filters[name] = figures_of(run_drives(case, seed, runs))
                     bar.update()
                 cases.append(_described(scenario, odometry_rate, fix_rate) | {"filters": filters})
     return {
