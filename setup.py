@@ -27,7 +27,6 @@ LAWS = {
     "graceful": "diffbot_lab.laws.graceful:Graceful",
     "nav2_docking": "diffbot_lab.laws.nav2_docking:Nav2Docking",
     "nav2_graceful": "diffbot_lab.laws.nav2_graceful:Nav2Graceful",
-    "polar": "diffbot_lab.laws.polar:Polar",
     "pure_pursuit": "diffbot_lab.laws.pure_pursuit:PurePursuit",
     "rotate_drive_rotate": "diffbot_lab.laws.rotate_drive_rotate:RotateDriveRotate",
 }
@@ -40,7 +39,7 @@ CONFIGS = {
     "replay": "diffbot_bag.parameters:ReplayConfig",
 }
 COMMANDS = {
-    "benchmark": "diffbot_lab.benchmark_command:add_benchmark",
+    "benchmark": "diffbot_lab.commands:add_benchmark",
     "campaign": "diffbot_lab.commands:add_campaign",
     "experiment": "diffbot_lab.commands:add_experiment",
     "stability": "diffbot_lab.stability.command:add_stability",
@@ -132,7 +131,6 @@ setup(
     extras_require={
         "jazzy": ["ros-jazzy-common-interfaces>=5.3", "ros-jazzy-rclpy[fastrtps]>=7.1"],
         "batch": ["numba>=0.60", "pyarrow>=18.0"],
-        "bound": ["casadi>=3.6"],
         "cluster": ["distributed>=2024.12"],
         "gym": ["gymnasium>=1.1", "numba>=0.60"],
         "pandas": ["pandas>=2.0"],

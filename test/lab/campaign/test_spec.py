@@ -152,16 +152,15 @@ def test_flags_refused_in_one_line(flags, status, part, tmp_path, capsys):
 
 
 def test_a_campaign_runs_any_law():
-    campaign = make_campaign(
-        {"law": "polar", "set": {"k_rho": 2.0, "wheel_radius": 0.07}, "grid": {"k_alpha": [5.0, 6.0]}}
-    )
-    assert [cell.case.plant.wheels.wheel_radius for cell in campaign.cells] == [0.07, 0.07]
+    given = {"set": {"k_phi": 2.0, "wheel_radius": 0.07}, "grid": {"k_delta": [1.5, 2.0]}}
+    campaign = make_campaign({"law": "graceful", **given})
     configs = [cell.case.controller for cell in campaign.cells]
-    assert [(one.k_rho, one.k_alpha) for one in configs] == [(2.0, 5.0), (2.0, 6.0)]
+    assert [(one.k_phi, one.k_delta) for one in configs] == [(2.0, 1.5), (2.0, 2.0)]
     assert {one.data_sheet.wheels.wheel_radius for one in configs} == {0.07}
-    assert {cell.law.split()[0] for cell in campaign.cells} == {"polar"}
-    same = make_campaign({"law": "diffbot_lab.laws.polar:Polar", "set": {"k_rho": 2.0, "wheel_radius": 0.07}})
-    assert same.resolved != campaign.resolved
+    assert {cell.case.plant.wheels.wheel_radius for cell in campaign.cells} == {0.07}
+    by_path = make_campaign({"law": "diffbot_lab.laws.graceful:Graceful", **given})
+    assert by_path.cells[0].case == campaign.cells[0].case
+    assert by_path.resolved != campaign.resolved
 
 
 def test_a_parameter_that_acts_in_one_cell_is_no_error_and_the_law_is_the_nodes():

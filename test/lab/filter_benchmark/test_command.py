@@ -16,7 +16,6 @@ from diffbot_control.filter.options import CALIBRATING, EKF, FNN, FNN_CALIBRATIN
 from diffbot_lab.filter_benchmark import command as localization_benchmark
 from diffbot_lab.filter_benchmark.cases import SCENARIOS, drive_of, name_of
 from diffbot_lab.filter_benchmark.command import figures_of, run_benchmark, run_drives, run_history
-from diffbot_lab.filter_benchmark.report import conclusions
 from diffbot_sim.compiled.open_loop import Tracking, drive, start_of, twist_of
 from diffbot_sim.model.simulator import StartPose, World, WorldConfig
 from diffbot_sim.reference_loop import measurements_of
@@ -117,7 +116,6 @@ def test_results_are_those_of_the_drives(benchmarked):
     case = next(one for one in results["cases"] if one["name"] == "outliers_50_10")
     drives = run_drives(drive_of(scenario("outliers"), 50, 10, CALIBRATING), 1, RUNS)
     assert case["filters"][CALIBRATING] == figures_of(drives)
-    assert results["targets"] == conclusions(results)["targets"]
 
 
 def test_any_number_of_threads_gives_the_same_and_compiled_or_not():
@@ -141,7 +139,7 @@ def test_the_command_passes_its_flags_on_and_writes_results_and_figure(
     assert asked == [(3, 9)]
     assert json.loads((out / "results.json").read_text()) == benchmarked
     assert sorted(path.name for path in out.iterdir()) == ["localization.png", "results.json"]
-    assert "Targets:" in capsys.readouterr().out
+    assert "50/10 Hz: 5 % of the fixes are 3 m off" in capsys.readouterr().out
     assert cli.main(["benchmark", "localization", "--out", str(out / "results.json")]) == 1
     assert "cannot write to" in capsys.readouterr().err
     assert len(asked) == 1
