@@ -4,7 +4,7 @@ import itertools
 
 import pytest
 from filter_input import START, fix, heading, odometry, timed
-from geometry_msgs.msg import Twist
+from geometry_msgs.msg import Twist, Vector3
 from hostile import mutated_body, parameter_call, spoiled
 from nav_msgs.msg import Path
 from rcl_interfaces.srv import ListParameters
@@ -35,9 +35,7 @@ def path(time):
 
 
 def command(_time):
-    message = Twist()
-    message.linear.x = 0.4
-    return message
+    return Twist(linear=Vector3(x=0.4))
 
 
 MAKERS = {
@@ -65,11 +63,12 @@ class Target:
         self.sent = 0
         """messages, the good ones among them"""
 
-    def time(self):
-        return round(START + 0.002 * next(self._ticks), 3)
+    def make(self, topic):
+        """Return a good message with a time that runs on."""
+        return MAKERS[topic](round(START + 0.002 * next(self._ticks), 3))
 
     def send(self, topic, message):
-        # A body longer than its fixed size is refused by the sender itself.
+        """Publish a message; return False for a body longer than its fixed size, which the sender itself refuses."""
         try:
             self.publishers[topic].publish(message)
         except RCLError:
@@ -77,19 +76,15 @@ class Target:
         self.sent += 1
         return True
 
-    def good(self, topic):
-        self.publishers[topic].publish(MAKERS[topic](self.time()))
-        self.sent += 1
-
     def flood(self, count, rng, make):
         """Send ``count`` messages that ``make`` returns for (topic, good message), good ones in between."""
         topics = list(self.publishers)
         left = count
         while left > 0:
             for topic in topics[:left] * min(BURST, max(left // len(topics), 1)):
-                left -= self.send(topic, make(MAKERS[topic](self.time())))
+                left -= self.send(topic, make(self.make(topic)))
                 if rng.random() < 0.3:
-                    self.good(topic)
+                    self.send(topic, self.make(topic))
             self.peer.spin_until_quiet(0.01)
 
     def handled(self):
@@ -110,7 +105,7 @@ class Target:
 
         def answered():
             for topic in ("global_pose", "odom", "goal_pose", "pose", "cmd_vel"):
-                self.good(topic)
+                self.send(topic, self.make(topic))
             peer.spin_for(0.1)
             moves = any(v == pytest.approx(0.4, abs=0.1) for _, (v, _) in truths[before[2] :])
             return len(poses) > before[0] and len(witness.commands) > before[1] and moves
@@ -165,6 +160,7 @@ def test_hostile_parameter_calls_are_answered_and_leave_nodes_alive(target, tria
     for number in trials:
         name = NODES[number % len(NODES)]
         kind, service, request = parameter_call(seeded, names[name])
-        target.good(seeded.choice(list(target.publishers)))
+        topic = seeded.choice(list(target.publishers))
+        target.send(topic, target.make(topic))
         peer.call(kind, f"{name}/{service}", request)
         assert alive(target)

@@ -24,7 +24,7 @@ from diffbot_tools.watch.watch_node import MAX_NODES
 SHARE = 1000
 """names in one message"""
 MAX_GROWTH = 20.0
-"""[MB]"""
+"""[MB] of the process"""
 LEFT_OPEN = 12
 """connections: less than the page serves"""
 
@@ -72,38 +72,23 @@ def shown():
         assert "internal error" not in watch.output
 
 
-@contextlib.contextmanager
-def left_open():
-    """Yield a function that holds connections; of more than LEFT_OPEN the oldest is closed."""
-    held = deque()
-
-    def hold(made):
-        held.append(made)
-        if len(held) > LEFT_OPEN:
-            held.popleft().close()
-        return made
-
-    try:
-        yield hold
-    finally:
-        for one in held:
-            one.close()
-
-
 @tried(2000, once=60)
 def test_hostile_requests_leave_another_browser_served(shown, trials, seeded):
     host, token = shown.url.split("/")[2], shown.url.split("=")[1]
     kinds = list(requests(host, token).values())
     name, port = host.split(":")
-    before = shown.watch.output
-    with left_open() as hold:
-        for number in trials:
-            made = hold(socket.create_connection((name, int(port)), timeout=graph.PATIENCE))
-            # The server may have refused it before all of it is sent.
-            with contextlib.suppress(OSError):
-                made.sendall(kinds[number % len(kinds)](seeded))
-            assert shown.is_served()
-            assert shown.watch.output == before
+    before, held = shown.watch.output, deque()
+    for number in trials:
+        held.append(socket.create_connection((name, int(port)), timeout=graph.PATIENCE))
+        # The server may have refused it before all of it is sent.
+        with contextlib.suppress(OSError):
+            held[-1].sendall(kinds[number % len(kinds)](seeded))
+        if len(held) > LEFT_OPEN:
+            held.popleft().close()
+        assert shown.is_served()
+        assert shown.watch.output == before
+    for one in held:
+        one.close()
 
 
 @tried(2000, once=40)
