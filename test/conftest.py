@@ -40,7 +40,7 @@ if (Path(sys.prefix) / "share" / "std_msgs").is_dir() and sys.prefix not in _PRE
 TESTS = Path(__file__).parent
 LEFT_OUT = requirements.left_out(requirements.missing_packages())
 collect_ignore = list(LEFT_OUT)
-PROCESSES = ("graph/", "faults/", "real/")
+PROCESSES = ("graph/", "faults/", "real/", "slow/")
 STUDIES = (
     "lab/arena/",
     "lab/campaign/",
@@ -76,17 +76,13 @@ def kept_signal_handlers():
 
 
 def pytest_addoption(parser):
-    """Add the options of the fault suite (test/faults)."""
-    group = parser.getgroup("faults")
-    group.addoption("--faults", choices=("short", "full"), default="short", help="how often each fault is tried")
-    group.addoption("--faults-share", metavar="K/N", default="0/1", help="every N-th trial from number K on")
-    group.addoption("--faults-results", metavar="FILE", help="gets a line for each result of the fault suite")
-    group.addoption("--real-json", metavar="FILE", help="where the figures of test/real are written")
+    """Add the option of test/real."""
+    parser.addoption("--real-json", metavar="FILE", help="where the figures of test/real are written")
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """Mark rooms as a whole: test/graph, faults and real with ``graph``, compiled loops and their runs with ``study``.
+    """Mark rooms as a whole: graph, faults, slow and real with ``graph``, compiled loops and their runs with ``study``.
 
     Tests of other rooms that start nodes carry the mark themselves.
     """
@@ -95,8 +91,6 @@ def pytest_collection_modifyitems(items):
         room = rooms[item.path]
         if room.startswith(PROCESSES):
             item.add_marker(pytest.mark.graph)
-        if room.startswith("faults/"):
-            item.add_marker(pytest.mark.fault)
         if room.startswith(STUDIES):
             item.add_marker(pytest.mark.study)
 

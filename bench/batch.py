@@ -1,17 +1,20 @@
-"""Throughput of the compiled closed loop: against plain Python, a kernel written by hand, and one thread."""
+"""Throughput of the compiled closed loop, beside plain Python, a kernel written by hand, and one thread.
+
+Simulation A of the paper without ROS, 300 steps a run. What runs in one thread is measured in CPU time.
+"""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any
 
 import gymnasium
 import numpy as np
-from measures import OURS, Measure, Pair
 from numba import njit
+from rounds import Table, is_quick
+from tqdm import tqdm
 
 from diffbot_core.geometry import Pose
 from diffbot_lab.gym import GOAL
@@ -20,20 +23,12 @@ from diffbot_sim.compiled.batch import HISTORY_COLUMNS, run_batch
 from diffbot_sim.compiled.closed_loop import buffers_for, run_loop
 
 ROUNDS, RUNS = 9, 4000
-QUICK_RUNS = 100
 STEPS = 300
 CASE = case_of("law 17", SETTINGS[0])
 FILTERED = case_of("law 17", SETTINGS[1])
 START = starts_of("a")
 ENVIRONMENTS = 1024
 ENVS = gymnasium.make(GOAL), gymnasium.make_vec(GOAL, ENVIRONMENTS)
-MEASURES = (
-    Measure("python", "all threads, beside the same loop as plain Python", "M steps/s", at_least=70.0),
-    Measure("kernel", "one thread, beside a kernel written by hand for this case", "M steps/s", at_least=0.8),
-    Measure("threads", "two threads, beside one", "M steps/s", at_least=1.8),
-    Measure("filter", "all threads, with the filter in the loop", "M steps/s", OURS, at_least=3.0),
-    Measure("gym", "one thread, 1024 environments for learning, beside a single one", "M steps/s", OURS, at_least=0.2),
-)
 
 
 @njit(nogil=True, error_model="numpy", cache=True)
@@ -106,30 +101,36 @@ def reference_kernel(start, seed, first, steps, outcomes):
 
 
 def rate(runs: int, call: Callable[[], Any], clock: Callable[[], float] = time.perf_counter) -> float:
-    """Return the million steps a second of a call that does so many runs."""
+    """Return the million steps per second of a call that makes this many runs."""
     begin = clock()
     call()
     return 1e-6 * runs * STEPS / (clock() - begin)
 
 
-def one_round(runs: int) -> dict[str, Pair]:
-    """Measure each once, both sides right after each other; what runs in one thread in CPU time."""
+def measure_round(table: Table, runs: int) -> None:
+    """Measure each once, both sides right after each other."""
     nothing, outcomes, cpu = np.empty((0, len(HISTORY_COLUMNS))), np.empty((runs, 10)), time.process_time
-    return {
-        "python": Pair(
-            rate(runs, lambda: run_batch(CASE, START, 1, 0, runs)),
-            rate(1, lambda: run_loop(CASE, buffers_for(CASE), 1, 0, Pose(*START.poses[0]), nothing)),
-        ),
-        "kernel": Pair(
-            rate(runs, lambda: run_batch(CASE, START, 1, 0, runs, threads=1), cpu),
-            rate(runs, lambda: reference_kernel(START.poses[0], 1, 0, STEPS, outcomes), cpu),
-        ),
-        "threads": Pair(
-            *(rate(runs, lambda n=n: run_batch(CASE, START, 1, 0, runs, threads=n)) for n in (2, 1)),
-        ),
-        "filter": Pair(rate(runs, lambda: run_batch(FILTERED, START, 1, 0, runs))),
-        "gym": Pair(rate(ENVIRONMENTS, lambda: play(1), cpu), rate(1, lambda: play(0), cpu)),
-    }
+    table.add(
+        "all threads, beside the same loop as plain Python [M steps/s]",
+        rate(runs, lambda: run_batch(CASE, START, 1, 0, runs)),
+        rate(1, lambda: run_loop(CASE, buffers_for(CASE), 1, 0, Pose(*START.poses[0]), nothing)),
+    )
+    table.add(
+        "one thread, beside a kernel written by hand for this case [M steps/s]",
+        rate(runs, lambda: run_batch(CASE, START, 1, 0, runs, threads=1), cpu),
+        rate(runs, lambda: reference_kernel(START.poses[0], 1, 0, STEPS, outcomes), cpu),
+    )
+    two, one = (rate(runs, lambda n=n: run_batch(CASE, START, 1, 0, runs, threads=n)) for n in (2, 1))
+    table.add("two threads, beside one [M steps/s]", two, one)
+    table.add(
+        "all threads, with the filter in the loop [M steps/s]",
+        rate(runs, lambda: run_batch(FILTERED, START, 1, 0, runs)),
+    )
+    table.add(
+        "one thread, 1024 environments for learning, beside a single one [M steps/s]",
+        rate(ENVIRONMENTS, lambda: play(1), cpu),
+        rate(1, lambda: play(0), cpu),
+    )
 
 
 def play(which: int) -> None:
@@ -140,11 +141,17 @@ def play(which: int) -> None:
         env.step(generator.uniform(-1.0, 1.0, env.action_space.shape))
 
 
-def measure(quick: bool, folder: Path) -> Iterator[dict[str, Pair]]:
-    """Compile, compare the results of both kernels, and yield each round."""
+def main() -> None:
+    """Compile, compare the results of both kernels, measure, and print the table."""
+    quick, table = is_quick(__doc__.splitlines()[0]), Table()
     run_batch(FILTERED, START, 1, 0, 2)
     theirs = np.empty((20, 10))
     reference_kernel(START.poses[0], 1, 0, STEPS, theirs)
     np.testing.assert_allclose(theirs, run_batch(CASE, START, 1, 0, 20)[:, :10], rtol=1e-9, atol=1e-9)
-    for _ in range(1 if quick else ROUNDS):
-        yield one_round(QUICK_RUNS if quick else RUNS)
+    for _ in tqdm(range(1 if quick else ROUNDS), "batch", unit=" rounds", leave=False, disable=None):
+        measure_round(table, 100 if quick else RUNS)
+    table.show()
+
+
+if __name__ == "__main__":
+    main()
