@@ -1,4 +1,4 @@
-"""Help, completion and misspelt words of the command line."""
+"""Examples and completion of the command line, and the domains that a goal looks for."""
 
 import os
 import shlex
@@ -6,10 +6,9 @@ import subprocess
 import sys
 
 import bag_commands
-import pytest
 
 from diffbot_tools import cli
-from diffbot_tools.command_help import EXAMPLES, GROUPS
+from diffbot_tools.command_help import EXAMPLES
 from diffbot_tools.goal_command import used_domains
 
 
@@ -20,37 +19,9 @@ def test_every_command_has_examples_that_its_own_parser_accepts_and_its_help_sho
     for name, leaf in leaves.items():
         for example in EXAMPLES[name]:
             assert f"\n  diffbot {example}\n" in leaf.format_help()
-            words = shlex.split(example, comments=True)
-            words = words[: words.index(">>")] if ">>" in words else words
-            options = parser.parse_args(words)
+            options = parser.parse_args(shlex.split(example))
             assert example.startswith(name)
             assert callable(options.call)
-
-
-def test_diffbot_alone_lists_every_command_once_in_groups(kept_signal_handlers, capsys):
-    assert cli.main([]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    shown = [line.split()[0] for line in lines if line.startswith("  ")]
-    assert sorted(shown) == sorted({name.split()[0] for name, _ in bag_commands.leaves(cli._parser())})
-    for title in GROUPS:
-        assert any(line.startswith(f"{title}, e.g.  diffbot ") for line in lines)
-
-
-@pytest.mark.parametrize(
-    ("words", "text"),
-    [
-        (["gaol", "1", "2", "0"], "did you mean goal?"),
-        (["bag", "chekc", "run1"], "did you mean check?"),
-        (["robot", "new", "a.yaml", "--like", "turtelbot4"], "did you mean turtlebot4"),
-        (["run", "contoller"], "did you mean controller?"),
-        (["bag"], "VERB"),
-    ],
-)
-def test_a_misspelt_word_is_answered_by_what_was_meant(words, text, capsys):
-    with pytest.raises(SystemExit) as ended:
-        cli.main(words)
-    assert ended.value.code == 2
-    assert text in capsys.readouterr().err
 
 
 def completed(line):
@@ -67,15 +38,6 @@ def test_commands_flags_and_choices_are_completed():
     assert completed("diffbot robot ") >= {"new", "check", "drive"}
     assert completed("diffbot robot new a.yaml --like turtle") == {"turtlebot3_burger", "turtlebot4"}
     assert "--restart-timeout" in completed("diffbot goal 1 2 0 --res")
-
-
-def test_the_script_for_a_shell_registers_the_command(kept_signal_handlers, capsys):
-    assert cli.main(["completion", "zsh"]) == 0
-    assert "diffbot" in capsys.readouterr().out
-    assert cli.main(["completion", "bash"]) == 0
-    program = f"{capsys.readouterr().out}\ncomplete -p diffbot"
-    done = subprocess.run(["bash", "-c", program], capture_output=True, text=True, check=True)
-    assert "_python_argcomplete" in done.stdout
 
 
 def test_domains_are_those_of_the_discovery_ports():
