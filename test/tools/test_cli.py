@@ -9,8 +9,9 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import bag_commands
-import foreign_bags
+import bag_makers
 import pytest
+import view_bags
 
 from diffbot_core.errors import DiffbotError
 from diffbot_tools import cli
@@ -115,7 +116,7 @@ READ = {"bag", "bags", "contract", "params", "folder", "file", "tuning", "runner
 
 def test_outputs_of_every_command_are_checked_before_its_work(tmp_path, capsys):
     """A command whose option is new belongs into OUTPUTS of diffbot_tools.arguments, or into READ."""
-    bag = foreign_bags.write_folder(tmp_path / "bag", foreign_bags.irregular(0.5))
+    bag = bag_makers.write_folder(tmp_path / "bag", view_bags.irregular(0.5))
     before = {path: path.read_bytes() for path in bag.iterdir()}
     checked = set()
     for name, parser in bag_commands.leaves(cli._parser()):
