@@ -9,7 +9,8 @@ Peers understand each other only if every field agrees with Jazzy's definition: 
 """
 
 import contextlib
-import importlib
+import hashlib
+import importlib.metadata
 import io
 import json
 import os
@@ -106,9 +107,16 @@ RUNTIME = (
 )  # fmt: skip
 
 
+def key():
+    """Return a name for what :func:`build` makes from this file, Python and these ROS wheels."""
+    wheels = sorted(f"{one.name} {one.version}" for one in importlib.metadata.distributions() if "ros-" in one.name)
+    made_from = (Path(__file__).read_text(), sysconfig.get_config_var("SOABI"), str(_prefix()), *wheels)
+    return hashlib.sha256("\n".join(made_from).encode()).hexdigest()[:16]
+
+
 def build(folder):
     """Write the package into ``folder``, which is made if it does not exist; needs gcc, g++ and the ROS wheels."""
-    prefix = next(path for path in _prefixes() if (path / "share" / "rosidl_generator_py").is_dir())
+    prefix = _prefix()
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=".build-", dir=folder) as work:
         # The generators report every file on stdout.
@@ -122,8 +130,10 @@ def build(folder):
         package.rename(folder / PACKAGE)
 
 
-def _prefixes():
-    return [*map(Path, filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))), Path(sys.prefix)]
+def _prefix():
+    """Return the prefix of the ROS packages with the generators."""
+    prefixes = [*filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)), sys.prefix]
+    return next(path for path in map(Path, prefixes) if (path / "share" / "rosidl_generator_py").is_dir())
 
 
 def _generate(work, prefix):
