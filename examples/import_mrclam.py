@@ -3,7 +3,7 @@
     python examples/import_mrclam.py FOLDER ROBOT BAG
 
 FOLDER has the text files of a set, e.g. MRCLAM_Dataset7; ROBOT is 1 to 5. The set is described in Leung, Halpern,
-Barfoot, Liu, Int. J. Robotics Research 30 (2011) 969-974, and the bag in docs/how-to/real-data.md.
+Barfoot, Liu, Int. J. Robotics Research 30 (2011) 969-974, and the bag in docs/how-to/calibrate.md.
 """
 
 import sys
