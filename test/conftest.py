@@ -49,7 +49,6 @@ STUDIES = (
     "lab/stability/",
     "sim/compiled/",
     "tools/calibration/",
-    "tools/dataset/",
 )
 
 

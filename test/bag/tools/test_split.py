@@ -36,7 +36,7 @@ def check_parts(files, given, messages):
 
 @pytest.mark.parametrize("size", [10**9, 12_345])
 def test_by_size_each_file_can_be_used_alone(tmp_path, size):
-    path = cut_bags.write_mcap(tmp_path / "run.mcap", cut_bags.drive(), extras=("notes",))
+    path = cut_bags.write_file(tmp_path / "run.mcap", cut_bags.drive(), attached=("notes",))
     check_parts(split(path, tmp_path / "parts", size=size), facts(path), 402)
     parts = [file.read_bytes() for file in files_of(tmp_path / "parts")]
     assert max(map(len, parts)) <= size
@@ -57,20 +57,20 @@ ROWS = st.lists(st.tuples(st.sampled_from(["/point", "/map"]), st.integers(0, 10
 @given(ROWS, st.integers(1, 13), st.sampled_from([0, 7, 30]), st.sampled_from([0, 4000, 5000]), st.integers(60, 600))
 def test_messages_in_any_order_and_limits_together(tmp_path_factory, rows, messages, duration, size, chunk_size):
     folder = tmp_path_factory.mktemp("any")
-    given = [Given(topic, 100 + time, b"", number, 7) for number, (topic, time) in enumerate(rows)]
-    path = cut_bags.write_mcap(folder / "a.mcap", given, chunk_size=chunk_size)
+    given = [Given(topic, 100 + time, b"", 7, number) for number, (topic, time) in enumerate(rows)]
+    path = cut_bags.write_file(folder / "a.mcap", given, chunk_size=chunk_size)
     check_parts(split(path, folder / "parts", messages=messages, duration=duration, size=size), facts(path), messages)
 
 
 def test_a_message_larger_than_the_size_has_a_file_of_its_own(tmp_path):
     messages = [Given("/text", BEGIN + number, bytes(20_000)) for number in range(3)]
-    path = cut_bags.write_mcap(tmp_path / "a.mcap", messages, chunk_size=200_000, compression="none")
+    path = cut_bags.write_file(tmp_path / "a.mcap", messages, chunk_size=200_000, compression="none")
     assert [len(file) for file in split(path, tmp_path / "parts", size=20_000)] == [1, 1, 1]
 
 
 def test_too_many_files_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(split_bag, "MAX_FILES", 20)
-    path = cut_bags.write_mcap(tmp_path / "a.mcap", [Given("/point", BEGIN + n, b"") for n in range(22)])
+    path = cut_bags.write_file(tmp_path / "a.mcap", [Given("/point", BEGIN + n, b"") for n in range(22)])
     with SourceBag(path) as one, pytest.raises(DiffbotError, match="more than 20 files"):
         cut.split(one, FileLimits(messages=1)).write(tmp_path / "parts", lambda count: None)
     assert [one.name for one in tmp_path.iterdir()] == ["a.mcap"]

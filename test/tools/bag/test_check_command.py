@@ -3,7 +3,7 @@
 import json
 from xml.etree import ElementTree
 
-import foreign_bags
+import bag_makers
 import pytest
 import view_bags
 
@@ -16,7 +16,7 @@ BAD = GOOD + "  /scan: {}\nforbidden: [/pose]\n"
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory):
-    return foreign_bags.write_folder(tmp_path_factory.mktemp("bags") / "run", foreign_bags.irregular(), "lz4", 2)
+    return bag_makers.write_folder(tmp_path_factory.mktemp("bags") / "run", view_bags.irregular(), "lz4", 2)
 
 
 @pytest.fixture
