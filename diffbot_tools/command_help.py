@@ -23,7 +23,6 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "bag trim": ("bag trim run1 part --from 10s --to 20s",),
     "bag filter": ("bag filter run1 poses --topics /pose /odom",),
     "bag merge": ("bag merge run1 run2 both",),
-    "bag split": ("bag split run1 pieces --duration 60s",),
     "bag repair": ("bag repair run1 saved",),
     "report": ("report run1", "report run1 -o run1.html --csv"),
     "replay": ("replay run1", "replay run1 --rate 2 --start-paused"),

@@ -155,11 +155,6 @@ class BagWriter:
             self._seal()
             self._split_large_file()
 
-    def remember(self, message: Held) -> None:
-        """Take note of a message that is not written: if latched, it belongs at the head of the next file."""
-        if (latched := self._latched.get(message.channel)) is not None:
-            latched.keep(message)
-
     def is_latched(self, channel: int) -> bool:
         """Return whether a publisher of the channel's topic is transient local."""
         return channel in self._latched

@@ -9,7 +9,6 @@ from diffbot_tools.bag.filter_command import add_filter
 from diffbot_tools.bag.info_command import add_info
 from diffbot_tools.bag.merge_command import add_merge
 from diffbot_tools.bag.repair_command import add_repair
-from diffbot_tools.bag.split_command import add_split
 from diffbot_tools.bag.trim_command import add_trim
 
 _VERBS = (
@@ -19,7 +18,6 @@ _VERBS = (
     add_trim,
     add_filter,
     add_merge,
-    add_split,
 )
 
 

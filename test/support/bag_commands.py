@@ -33,7 +33,6 @@ ARGUMENTS = {
     "bag trim": [["{bag}", "{out}", "--from", "0.1s", "--to", "end-0.1s"]],
     "bag filter": [["{bag}", "{out}", "--topics", "/odom", "/map"]],
     "bag merge": [["{bag}", "{given}/good", "{out}"]],
-    "bag split": [["{bag}", "{out}", "--count", "20"]],
     "refilter": [["{bag}", "--params", "{given}/ekf.yaml", "--compare", "/ground_truth", "--out", "{out}"]],
     "calibrate": [["{bag}", "--params", "{given}/ekf.yaml", "--out", "{out}.yaml", "--until", "0.2"]],
     "report": [["{bag}", "-o", "{out}.html", "--csv", "--tum"]],

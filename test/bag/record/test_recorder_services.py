@@ -1,7 +1,5 @@
 """The services of a running recorder, splits, and what it attaches to each file."""
 
-import json
-
 import cut_bags
 import graph
 import one_process
@@ -63,22 +61,6 @@ def test_splits_by_size_and_service_lose_and_repeat_nothing(tmp_path, nodes):
     assert numbers(tmp_path / "run", "/map") == [[1]] * len(by_file)
 
 
-def test_a_snapshot_is_written_when_asked_for(tmp_path, nodes):
-    recording = Recording(nodes, tmp_path / "run", snapshot_mode=True, max_cache_size=2**20)
-    recording.publish(4500)
-    nodes.peer.spin_until(lambda: recording.recorder.node.health.accepted["/data"] == 4500, what="all messages")
-    kept = recording.recorder.node._recording.in_memory
-    assert 3000 < kept < 4000, "a megabyte"
-    assert recording.recorder.value("messages") == "0"
-    assert recording.call("snapshot") == (True, f"{kept} messages")
-    recording.recorder.wait("messages", kept)
-    recording.close()
-    (newest,) = numbers(tmp_path / "run", "/data")
-    assert newest == list(range(4501 - kept, 4501))
-    # The latched message was pushed out of the memory, and is written all the same.
-    assert numbers(tmp_path / "run", "/map") == [[1]]
-
-
 def test_a_pause_is_no_loss(tmp_path, nodes):
     recording = Recording(nodes, tmp_path / "run", start_paused=True)
     assert recording.call("is_paused") == (True, "paused")
@@ -87,7 +69,6 @@ def test_a_pause_is_no_loss(tmp_path, nodes):
     assert recording.call("resume") == (True, "recording")
     recording.publish(10)
     recording.recorder.wait("messages", 11)
-    assert recording.call("snapshot") == (False, "not in snapshot mode (snapshot_mode)")
     assert recording.call("pause") == (True, "paused")
     nodes.peer.spin_until(lambda: recording.recorder.reports[-1].message == "paused", what="the report")
     recording.close()
@@ -95,7 +76,7 @@ def test_a_pause_is_no_loss(tmp_path, nodes):
     assert numbers(tmp_path / "run", "/data") == [list(range(11, 21))]
 
 
-def test_parameters_of_the_nodes_that_answer_and_the_host_are_attached_at_once(tmp_path, monkeypatch):
+def test_parameters_of_the_nodes_that_answer_are_attached_at_once(tmp_path, monkeypatch):
     monkeypatch.setattr(node_parameters, "DEADLINE", graph.PATIENCE)
     services = {"start_parameter_services": True}
     # The second has the services, and nobody who spins it; by its name it is asked first.
@@ -113,8 +94,6 @@ def test_parameters_of_the_nodes_that_answer_and_the_host_are_attached_at_once(t
         recording.close()
     with BagReader(tmp_path / "run") as reader:
         found = reader.node_parameters()
-        host = json.loads(reader.attachment("host.json"))
     assert (found["/asked"]["gain"], found["/asked"]["names"]) == (0.25, ["a", "b"])
     assert found["/recorder"]["uri"] == str(tmp_path / "run")
     assert "/a_silent_one" not in found
-    assert host["package"]["diffbot"]
