@@ -1,8 +1,8 @@
 """The lists of parameters on the pages in docs/reference/parameters/.
 
 A page is written by hand, except for its lists. Each list stands in a block that names the nodes and the parameters to
-show, in their order: ``<!--parameters NODE NODE: NAME finish_*-->`` ... ``<!--/parameters-->``. A block of several nodes
-lists parameters that are the same in all of them.
+show, in their order: ``<!--parameters NODE NODE: NAME finish_*-->`` ... ``<!--/parameters-->``. A block of several
+nodes lists parameters that are the same in all of them.
 """
 
 from __future__ import annotations
