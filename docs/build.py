@@ -19,7 +19,7 @@ from diffbot_bag.tools.contract import BagRules, TopicRules
 from diffbot_core.schema import Spec, parameters_of
 
 DOCS = Path(__file__).parent
-_RULES = re.compile(r"(<!-- rules -->\n).*?(\n<!-- /rules -->)", re.DOTALL)
+_RULES = re.compile(r"(<!--rules-->\n).*?(\n<!--/rules-->)", re.DOTALL)
 
 
 def tables() -> dict[Path, str]:

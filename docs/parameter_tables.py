@@ -1,14 +1,15 @@
 """The lists of parameters on the pages in docs/reference/parameters/.
 
-A page is written by hand, except for its lists. Each list stands in a block that names the node and the parameters to
-show, in their order: ``<!-- parameters NODE: NAME finish_* -->`` ... ``<!-- /parameters -->``.
+A page is written by hand, except for its lists. Each list stands in a block that names the nodes and the parameters to
+show, in their order: ``<!--parameters NODE NODE: NAME finish_*-->`` ... ``<!--/parameters-->``. A block of several
+nodes lists parameters that are the same in all of them.
 """
 
 from __future__ import annotations
 
 import re
 from fnmatch import fnmatchcase
-from typing import Any
+from typing import Any, NamedTuple
 
 from diffbot_bag.parameters import RecorderConfig, ReplayConfig
 from diffbot_control.law.docking_axis import DockingConfig
@@ -26,22 +27,44 @@ NODES = {
     "recorder": RecorderConfig,
     "replay": ReplayConfig,
 }
-_BLOCK = re.compile(r"(<!-- parameters (\w+): ([^>]+) -->\n).*?(<!-- /parameters -->)", re.DOTALL)
+TECHNICAL_MAXIMUM = 100.0
+"""Upper bounds from here on only catch mistakes. Ranges with such a bound are not shown."""
+PAIRS = (("x", "y"), ("left", "right"))
+_BLOCK = re.compile(r"(<!--parameters ([\w ]+): ([^>]+)-->\n).*?(<!--/parameters-->)", re.DOTALL)
+
+
+class Entry(NamedTuple):
+    """One paragraph of a list: one parameter, or a pair of x and y, or of left and right."""
+
+    names: tuple[str, ...]
+    default: str
+    """With its unit."""
+    limits: str
+    """The range, the default of the paper's law, ``fixed``."""
+    text: str
+
+    def paragraph(self) -> str:
+        """Return the Markdown of the entry."""
+        names = ", ".join(f"**`{name}`**" for name in self.names)
+        return f"{names} {self.default}{f' ({self.limits})' if self.limits else ''}: {self.text}"
 
 
 def with_parameters(page: str) -> str:
     """Return a page with current lists in its blocks.
 
     Raises:
-        ValueError: a pattern of a block matches no parameter of its node.
+        ValueError: a pattern of a block matches no parameter of its nodes, or the nodes differ in a parameter.
     """
-    return _BLOCK.sub(lambda block: f"{block[1]}\n{_list(block[2], block[3].split())}\n{block[4]}", page)
+    return _BLOCK.sub(lambda block: f"{block[1]}\n{_list(block[2].split(), block[3].split())}\n{block[4]}", page)
 
 
 def shown(page: str) -> list[tuple[str, str]]:
     """Return node and name of each parameter that the blocks of a page show."""
     return [
-        (node, one.name) for _, node, patterns, _ in _BLOCK.findall(page) for one in _selected(node, patterns.split())
+        (node, one.name)
+        for _, nodes, patterns, _ in _BLOCK.findall(page)
+        for node in nodes.split()
+        for one in _selected(node, patterns.split())
     ]
 
 
@@ -55,34 +78,64 @@ def _selected(node: str, patterns: list[str]) -> list[Parameter]:
     return found
 
 
-def _list(node: str, patterns: list[str]) -> str:
+def _list(nodes: list[str], patterns: list[str]) -> str:
+    entries = _entries(nodes[0], patterns)
+    for node in nodes[1:]:
+        if different := set(entries) ^ set(_entries(node, patterns)):
+            raise ValueError(f"{nodes[0]} and {node} differ in {sorted({one.names[0] for one in different})}")
+    return "\n\n".join(one.paragraph() for one in _merged(entries))
+
+
+def _entries(node: str, patterns: list[str]) -> list[Entry]:
     tuned, paper = (to_dict(CONTROLLER_PRESETS[name]) if node == "controller" else {} for name in (TUNED, PAPER))
     all_fixed = all(one.spec.read_only for one in parameters_of(NODES[node]))
-    return "\n\n".join(_entry(one, tuned, paper, not all_fixed) for one in _selected(node, patterns))
+    return [_entry(one, tuned, paper, not all_fixed) for one in _selected(node, patterns)]
 
 
-def _entry(parameter: Parameter, tuned: dict[str, Any], paper: dict[str, Any], mark_fixed: bool) -> str:
-    """Return one paragraph: name, default with unit, and in parentheses the range and what else limits the value."""
+def _entry(parameter: Parameter, tuned: dict[str, Any], paper: dict[str, Any], mark_fixed: bool) -> Entry:
     name, spec = parameter.name, parameter.spec
     default, unit = _text(tuned.get(name, parameter.default)), spec.unit
     if unit not in ("", "-"):
         default += f" [{unit}]" if default == "empty" else f" {unit}"
-    notes = [_range(parameter)]
+    notes = [_range(parameter, default)]
     if tuned.get(name) != paper.get(name):
         notes.append(f"paper: {_text(paper[name])}")
     if mark_fixed and spec.read_only:
         notes.append("fixed")
-    limits = "; ".join(filter(None, notes))
     text = spec.text.replace("*", "\\*").replace("<", "&lt;")
-    return f"**`{name}`** {default}{f' ({limits})' if limits else ''}: {text}"
+    return Entry((name,), default, "; ".join(filter(None, notes)), text)
 
 
-def _range(parameter: Parameter) -> str:
-    """Return the allowed values in one word: ``0..60``, ``0..10|inf`` or ``tuned|paper``."""
+def _merged(entries: list[Entry]) -> list[Entry]:
+    """Return the entries, with one entry for neighbours that differ in name and in one word of PAIRS."""
+    found: list[Entry] = []
+    for entry in entries:
+        if found and (text := _common_text(found[-1], entry)):
+            found[-1] = found[-1]._replace(names=found[-1].names + entry.names, text=text)
+        else:
+            found.append(entry)
+    return found
+
+
+def _common_text(first: Entry, second: Entry) -> str:
+    """Return the text for both entries, such as ``x/y of the dock``; an empty string if more than a word differs."""
+    for one, other in PAIRS:
+        text = re.sub(rf"\b{one}\b", f"{one}/{other}", first.text, count=1)
+        if second[1:] == first._replace(text=re.sub(rf"\b{one}\b", other, first.text, count=1))[1:]:
+            return text
+    return ""
+
+
+def _range(parameter: Parameter, default: str) -> str:
+    """Return the allowed values in one word: ``0..60``, ``0..10|inf``, ``..inf`` or ``tuned|paper``."""
     spec = parameter.spec
     if spec.choices:
         return "|".join(spec.choices)
     if parameter.type not in (float, int):
+        return ""
+    if spec.maximum >= TECHNICAL_MAXIMUM:
+        return "..inf" if spec.allow_inf and not default.startswith("inf") else ""
+    if (spec.minimum, spec.maximum, spec.unit) == (0.0, 1.0, "-"):
         return ""
     return f"{spec.minimum:g}..{spec.maximum:g}" + ("|inf" if spec.allow_inf else "")
 
