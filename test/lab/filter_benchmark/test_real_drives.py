@@ -4,10 +4,10 @@ import json
 
 import pytest
 from dataset_files import write_mrclam
-from diffbot_tools.dataset.command import import_mrclam
 from page_tables import assert_shows, tables
 
 from diffbot_lab.filter_benchmark.real_command import run_and_report
+from diffbot_tools.dataset.command import import_mrclam
 from diffbot_tools.refilter.command import run
 
 
