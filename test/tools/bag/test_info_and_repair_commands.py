@@ -7,6 +7,7 @@ import damaged_bags
 import pytest
 import view_bags
 
+from diffbot_bag.bag.reader import BagReader
 from diffbot_tools import cli
 
 
@@ -92,3 +93,12 @@ def test_what_is_lost_is_printed(tmp_path, capsys, whole):
     ]
     status, _, error = run(capsys, source, tmp_path / "fixed")
     assert (status, error.count("\n")) == (1, 1)
+
+
+def test_a_file_without_its_end_loses_nothing_in_place(tmp_path, capsys, whole):
+    source = tmp_path / "run.mcap"
+    source.write_bytes(whole.content[:-3000])
+    status, lines, _ = run(capsys, source, "--in-place")
+    assert (status, lines[-1]) == (0, "nothing that was written is lost")
+    with BagReader(source) as reader:
+        assert (reader.message_count, reader.warning) == (900, "")
