@@ -41,7 +41,7 @@ demo: setup
 
 # Not `python -m pytest`, which would put the source tree before the installed package.
 test: setup programs
-	@$(BIN)/pytest -n 4 --dist loadfile $(ARGS)
+	@$(BIN)/pytest -n 4 --dist loadfile --no-loadscope-reorder $(ARGS)
 
 # What pip does not bring: a compiler for the tests of Nav2's actions, and a browser for the tests of the page. Without a
 # browser these tests are left out, and the report says so.

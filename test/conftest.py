@@ -41,6 +41,8 @@ TESTS = Path(__file__).parent
 LEFT_OUT = requirements.left_out(requirements.missing_packages())
 collect_ignore = list(LEFT_OUT)
 PROCESSES = ("graph/", "faults/", "real/", "slow/")
+LONGEST_FIRST = ("install", "study", "graph")
+"""Marks, by the time that a file of such tests takes."""
 STUDIES = (
     "lab/arena/",
     "lab/campaign/",
@@ -81,17 +83,23 @@ def pytest_addoption(parser):
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """Mark rooms as a whole: graph, faults, slow and real with ``graph``, compiled loops and their runs with ``study``.
+    """Mark rooms as a whole, and begin with the files that take longest, so that no worker is left with one at the end.
 
-    Tests of other rooms that start nodes carry the mark themselves.
+    Tests of other rooms that start nodes carry the mark ``graph`` themselves.
     """
     rooms = {path: path.relative_to(TESTS).as_posix() for path in {item.path for item in items}}
+    ranks = {}
     for item in items:
         room = rooms[item.path]
         if room.startswith(PROCESSES):
             item.add_marker(pytest.mark.graph)
         if room.startswith(STUDIES):
             item.add_marker(pytest.mark.study)
+        rank = next(
+            (rank for rank, mark in enumerate(LONGEST_FIRST) if item.get_closest_marker(mark)), len(LONGEST_FIRST)
+        )
+        ranks[item.path] = min(rank, ranks.get(item.path, rank))
+    items.sort(key=lambda item: ranks[item.path])
 
 
 def pytest_report_header():
