@@ -9,7 +9,7 @@ import pytest
 
 from diffbot_lab.arena import command as benchmark
 from diffbot_lab.arena import tuning as law_tuning
-from diffbot_lab.arena.cases import CASES, OWN, arena_starts, cases_named, starts_named, world_of
+from diffbot_lab.arena.cases import arena_starts, cases_named, starts_named, world_of
 from diffbot_lab.arena.command import ArenaOptions, run_benchmark, takes_part
 from diffbot_lab.arena.entries import ENTRIES, OWN_NAME, config_of
 from diffbot_lab.arena.report.ahead import peers_ahead
@@ -60,27 +60,25 @@ def test_random_starts_are_even_by_distance_and_angle_and_differ_by_kind_and_see
     np.testing.assert_array_equal(starts_named("arena", 20, 3)[17:], arena_starts()[:3])
 
 
-def test_every_law_has_the_data_sheet_of_its_case_and_the_plant_is_as_it_says():
-    for case in CASES:
-        sheet, actuators = case.sheet, world_of(case)[0].actuators
-        latency = 0.2 if case.name == "dead_time_02_unknown" else sheet.get("command_latency", 0.0)
-        assert (actuators.command_delay, actuators.drive_time_constant) == (
-            latency,
-            sheet.get("drive_time_constant", 0.0),
-        )
-        a_max = sheet.get("linear.x.max_acceleration", math.inf)
-        omega_dot_max = sheet.get("angular.z.max_acceleration", math.inf)
-        assert (actuators.acceleration_max, actuators.angular_acceleration_max) == (a_max, omega_dot_max)
-        entries = [one for one in ENTRIES if takes_part(one, case)]
-        for entry in entries:
-            known = config_of(entry, case, {}).data_sheet
-            assert (known.v_max, known.omega_max) == (1.3, 1.5 if case.name.endswith("mix") else 2.6), entry.name
-            assert known.wheel_max * known.wheels.wheel_radius == pytest.approx(1.3)
-            assert (known.command_latency, known.a_max) == (sheet.get("command_latency", 0.0), a_max)
-            assert known.drive_time_constant == sheet.get("drive_time_constant", 0.0)
-        if case.table == OWN:
-            assert [one.name for one in entries] == [OWN_NAME]
-    # A bound is fed with the true pose.
+@pytest.mark.parametrize("name", ["dead_time_02_unknown", "dead_time_03", "lag_030", "acceleration", "mix"])
+def test_every_law_has_the_data_sheet_of_its_case_and_the_plant_is_as_it_says(name):
+    (case,) = cases_named((name,))
+    sheet, actuators = case.sheet, world_of(case)[0].actuators
+    latency = 0.2 if name == "dead_time_02_unknown" else sheet.get("command_latency", 0.0)
+    lag, a_max = sheet.get("drive_time_constant", 0.0), sheet.get("linear.x.max_acceleration", math.inf)
+    assert (actuators.command_delay, actuators.drive_time_constant, actuators.acceleration_max) == (latency, lag, a_max)
+    assert actuators.angular_acceleration_max == sheet.get("angular.z.max_acceleration", math.inf)
+    for entry in (one for one in ENTRIES if takes_part(one, case)):
+        known = config_of(entry, case, {}).data_sheet
+        assert (known.v_max, known.omega_max) == (1.3, 1.5 if name == "mix" else 2.6), entry.name
+        assert known.wheel_max * known.wheels.wheel_radius == pytest.approx(1.3)
+        assert (known.command_latency, known.a_max) == (sheet.get("command_latency", 0.0), a_max)
+        assert known.drive_time_constant == lag
+
+
+def test_cases_of_the_switching_law_alone_have_no_peers_and_a_bound_receives_the_true_pose():
+    (alone,) = cases_named(("short_mix",))
+    assert [one.name for one in ENTRIES if takes_part(one, alone)] == [OWN_NAME]
     assert case_of(BY_NAME["truth"], NOMINAL, {}).feedback != case_of(BY_NAME[PEER], NOMINAL, {}).feedback
 
 

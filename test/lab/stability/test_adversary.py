@@ -1,6 +1,4 @@
-"""The default law's adversary plays by the rules of the loop; random runs keep to the ranks, and find wrong ones."""
-
-import math
+"""The adversary plays by the rules of the loop; random runs keep to the ranks; the search stays within the bounds."""
 
 import numpy as np
 import pytest
@@ -9,10 +7,10 @@ from diffbot_control.law.configuration import ControllerConfig, new_memory
 from diffbot_control.law.controller import step
 from diffbot_core.geometry import Pose
 from diffbot_core.uncertainty import Estimate, Uncertainty
-from diffbot_lab.stability.adversary.figure import field_of
-from diffbot_lab.stability.adversary.play import observe
+from diffbot_lab.stability.adversary.play import observe, play
+from diffbot_lab.stability.adversary.search import STEPS, WARM_UP, WINDOW, recurrent_distance, search
 from diffbot_lab.stability.plan import Contract
-from diffbot_lab.stability.runs import ContractLoop, next_pose
+from diffbot_lab.stability.runs import ContractLoop, loop_of, next_pose
 from diffbot_sim.model.philox import Draw
 from diffbot_sim.model.plant import PlantConfig, new_plant, plant_step
 
@@ -52,17 +50,27 @@ def test_random_runs_keep_to_the_ranks_and_find_wrong_ones(certificate):
     assert found.steps_from_core >= 20_000
     assert (found.left_core, found.late, found.trajectories) == (0, 0, 300)
     assert 0 < found.longest <= certificate.claims.steps
-    assert found.cloud.shape == (300, 3)
     assert 0.0 < found.farthest < 0.2
     short = np.where(certificate.ranks > 3, 3, certificate.ranks).astype(np.int16)
     assert observe(certificate._replace(ranks=short), 1, 300, 3).late > 0
 
 
-def test_the_figure_shows_the_core_and_the_times_of_the_default_law(certificate):
-    field = field_of(certificate)
-    assert field.outer.max() == field.radius == certificate.claims.radius
-    assert field.alpha[[0, -1]] == pytest.approx([-math.pi, math.pi])
-    np.testing.assert_array_equal(field.outer, field.outer[::-1])
-    assert field.slowest.max() == pytest.approx(0.1 * certificate.claims.steps)
-    assert (field.slowest >= field.fastest).all()
-    assert field.rho.max() <= 1.9
+def test_the_recurrent_distance_is_reached_in_every_window():
+    path = np.zeros((STEPS, 3))
+    path[: WARM_UP - 1, 0] = 9.0
+    path[WARM_UP::WINDOW, 1] = 0.5
+    path[WARM_UP + WINDOW, 1] = -3.0
+    assert recurrent_distance(path) == 0.5
+    path[-1, 0] = 7.0
+    path[WARM_UP + 2 * WINDOW] = 0.0
+    assert recurrent_distance(path) == 0.0
+
+
+def test_what_is_certified_withstands_the_search(certificate):
+    loop, shown = loop_of(certificate), []
+    attack = search(
+        lambda *where: play(loop, *where), 0.3, 1, generations=3, population=8, threads=1, each=shown.append
+    )
+    assert shown == sorted(shown)
+    assert shown[-1] == attack.distance == recurrent_distance(attack.path)
+    assert 0.03 < attack.distance < certificate.claims.radius
