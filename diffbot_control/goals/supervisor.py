@@ -12,7 +12,7 @@ from diffbot_control.goals.configuration import SupervisorConfig
 from diffbot_control.goals.driver import STOP, LawError, driver_of, scaled_uncertainty
 from diffbot_control.goals.goal_record import ANONYMOUS, GoalBook, GoalRequest, distance_along
 from diffbot_control.goals.progress import Patience, Progress, Way
-from diffbot_control.goals.protocol import Law
+from diffbot_control.goals.protocol import Law, data_sheet_of, tolerance_of
 from diffbot_control.goals.states import ACTIVE, TABLE, WITH_GOAL, Command, Event, State, status_text
 from diffbot_control.goals.step_clock import StepClock
 from diffbot_control.law.configuration import Report
@@ -133,12 +133,10 @@ class Supervisor:
 
     def _data_sheet(self) -> DataSheet:
         """Return the limits of the law's configuration; those of a law without any are the defaults."""
-        sheet = getattr(self.config.controller, "data_sheet", None)
-        return sheet if isinstance(sheet, DataSheet) else DataSheet()
+        return data_sheet_of(self.config.controller) or DataSheet()
 
     def _tolerance(self) -> GoalTolerance:
-        tolerance = getattr(self.config.controller, "tolerance", None)
-        return tolerance if isinstance(tolerance, GoalTolerance) else GoalTolerance()
+        return tolerance_of(self.config.controller)
 
     def _corrects(self) -> bool:
         """True if the robot has left a reached goal and drives back."""
