@@ -124,6 +124,7 @@ setup(
         "mcap-ros2-support>=0.5",
         "numpy>=1.26",
         "PyYAML>=6.0",
+        "ruamel.yaml>=0.17.21",
         "scipy>=1.11",
         "tqdm>=4.60",
         "websockets>=14.0",

@@ -14,8 +14,9 @@ from diffbot_core.files import write_text
 from diffbot_lab.filter_benchmark.real_drives import DriveResult, filtered_with
 from diffbot_lab.targets import markdown_table
 from diffbot_tools.calibration.calibrate import calibrate
+from diffbot_tools.calibration.calibrated_file import calibrated_file as calibrated_text
 from diffbot_tools.calibration.command import read_drive
-from diffbot_tools.calibration.parameters import given_parameters, outcome_of, parameter_file
+from diffbot_tools.calibration.parameters import outcome_of
 from diffbot_tools.dataset.bag import EKF_FILE
 from diffbot_tools.refilter.comparison import Errors, Figures, figures_of
 from diffbot_tools.refilter.parameters import read_config
@@ -60,7 +61,7 @@ def calibrated_file(one: DriveResult, path: Path) -> Path:
     events, _ = read_drive(one.bag, config, until, {})
     with tqdm(desc=f"calibrate {one.name}", unit="run", disable=None) as bar:
         outcome = outcome_of(calibrate([events], config, bar.update), config)
-    write_text(path, parameter_file(given_parameters(config), outcome, None, f"Calibrated on {one.name}."))
+    write_text(path, calibrated_text(one.bag / EKF_FILE, config, outcome, None, f"Calibrated on {one.name}."))
     return path
 
 
