@@ -123,6 +123,7 @@ setup(
         "mcap-ros2-support>=0.5",  # decodes messages where ROS is not installed
         "numpy>=1.26",
         "PyYAML>=6.0",
+        "ruamel.yaml>=0.17.21",
         "scipy>=1.11",
         "tqdm>=4.60",
         "websockets>=14.0",

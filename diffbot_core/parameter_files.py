@@ -18,7 +18,7 @@ MAX_BYTES = 256 * 1024
 PARAMETERS = "ros__parameters"
 _NEARLY = 0.8
 """Ratio of SequenceMatcher between two names, one of which is taken for the other misspelt"""
-_WILDCARDS = {"*": r"/\w+", "**": r"(/\w+)*"}
+WILDCARDS = {"*": r"/\w+", "**": r"(/\w+)*"}
 _MAX_NAMED = 5
 """sections that an error names"""
 
@@ -39,12 +39,12 @@ class Section(NamedTuple):
     def is_for(self, node: str) -> bool:
         """Return whether it is for a node, given with its namespace; as rcl reads it."""
         words = self.name.split("/")[1:]
-        return re.fullmatch("".join(_WILDCARDS.get(word, "/" + re.escape(word)) for word in words), node) is not None
+        return re.fullmatch("".join(WILDCARDS.get(word, "/" + re.escape(word)) for word in words), node) is not None
 
     def is_nearly_for(self, node: str) -> bool:
         """Return whether it names another node, whose name could be this one's misspelt."""
         name = node.rpartition("/")[2]
-        if self.node in (name, *_WILDCARDS):
+        if self.node in (name, *WILDCARDS):
             return False
         return sorted(self.node) == sorted(name) or SequenceMatcher(None, self.node, name).ratio() >= _NEARLY
 
@@ -90,7 +90,7 @@ def values_for(path: Path, node: str) -> dict[str, Any]:
     """
     sections = read_sections(path)
     refuse_misspelt(path, sections, node)
-    found = [one for one in sections if one.node in (node, *_WILDCARDS)]
+    found = [one for one in sections if one.node in (node, *WILDCARDS)]
     if not found:
         raise DiffbotError(f"{shown(path)} has no section /**/{node} with {PARAMETERS}")
     return {name: value for one in found for name, value in one.values.items()}

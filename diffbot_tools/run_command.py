@@ -64,7 +64,8 @@ def run_nodes(names: list[str], ros_args: list[str]) -> int:
     """Run the nodes in one process; return its exit status.
 
     Raises:
-        InvalidValueError: if a node is named twice, by itself or as a part of another.
+        DiffbotError: if a node is named twice, by itself or as a part of another, or the controller lacks the limits of
+            its robot.
     """
     members = [member for name in names for member in NODES[name].members or (name,)]
     for member in members:
@@ -72,6 +73,8 @@ def run_nodes(names: list[str], ros_args: list[str]) -> int:
             raise InvalidValueError("--with", " ".join(names[1:]), f"each node once, {member} is in it twice")
     entries = [entry for name, entry in NODES.items() if name in names]
     end_on_signals(0)
+    if "--params-file" in ros_args:
+        importlib.import_module("diffbot_tools.bringup.data_sheet").check_limits(members, ros_args)
     factories = [getattr(importlib.import_module(entry.module), entry.factory) for entry in entries]
 
     def make_nodes() -> Iterator[Any]:

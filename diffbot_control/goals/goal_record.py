@@ -101,6 +101,11 @@ class GoalBook:
         known = [*self.ended, self.present] if self.present is not None else list(self.ended)
         return next((record for record in reversed(known) if goal_id and record.request.id == goal_id), None)
 
+    @property
+    def newest(self) -> GoalRecord | None:
+        """The record of the goal accepted last, ended or not; None before the first goal."""
+        return self.present or (self.ended[-1] if self.ended else None)
+
     def take_news(self) -> list[GoalRecord]:
         """Return the goals that have ended since the last call, oldest first."""
         news, self._news = self._news, []

@@ -37,6 +37,8 @@ def status_values(supervisor: Supervisor, law: Law) -> dict[str, str]:
     values["goals reached"] = str(supervisor.goals_reached)
     if supervisor.goal is not None:
         values["goal"] = " ".join(f"{number:.6g}" for number in supervisor.goal)
+        if supervisor.goals.newest is not None and supervisor.goals.newest.request.id:
+            values["goal id"] = supervisor.goals.newest.request.id
         if supervisor.goals.present is not None:
             values["timeout [s]"] = f"{supervisor.timeout:.6g}"
     if supervisor.updates:

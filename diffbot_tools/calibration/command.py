@@ -20,9 +20,10 @@ from diffbot_core.files import write_text
 from diffbot_core.units import S_PER_NS
 from diffbot_tools.bag.unfinished_bags import print_warning
 from diffbot_tools.calibration.calibrate import Calibration, Judged, calibrate
+from diffbot_tools.calibration.calibrated_file import calibrated_file
 from diffbot_tools.calibration.events import Array, EventReader, Events
 from diffbot_tools.calibration.latency import Latency, latency_of, limits_of
-from diffbot_tools.calibration.parameters import Outcome, given_parameters, outcome_of, parameter_file
+from diffbot_tools.calibration.parameters import Outcome, outcome_of
 from diffbot_tools.refilter.command import check_exists, parameter_file_of, topics_of
 from diffbot_tools.refilter.filter_run import inputs_of
 from diffbot_tools.refilter.parameters import read_config
@@ -50,7 +51,8 @@ def run(bags: list[Path], params: Path | None, out: Path, until: float, remap: d
         raise DiffbotError(f"{out.parent} is no folder to write {out.name} to")
     for bag in bags:
         check_exists(bag)
-    config, _ = read_config(parameter_file_of(bags[0]) if params is None else params)
+    given = parameter_file_of(bags[0]) if params is None else params
+    config, _ = read_config(given)
     drives, commands = zip(*(read_drive(bag, config, until, remap) for bag in bags), strict=True)
     with tqdm(desc="calibrate", unit="run", disable=None) as bar:
 
@@ -63,7 +65,7 @@ def run(bags: list[Path], params: Path | None, out: Path, until: float, remap: d
     delay = float(outcome.parameters["odometry_delay"])
     latency = _latency(list(drives), list(commands), delay)
     head = f"Calibrated from {', '.join(bag.name for bag in bags)} by diffbot calibrate."
-    write_text(out, parameter_file(given_parameters(config), outcome, latency, head))
+    write_text(out, calibrated_file(given, config, outcome, latency, head))
     print(describe(calibration, outcome, latency))
     print(out)
     return 0

@@ -6,14 +6,12 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-import yaml
 
 from diffbot_control.filter.options import CALIBRATING
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.schema import parameters_of, to_dict
 from diffbot_tools.calibration.calibrate import Calibration
 from diffbot_tools.calibration.events import FIX, HEADING, LANDMARK, RESET, UNKNOWN_RATE, Array, Events
-from diffbot_tools.calibration.latency import Latency, limits_of
 from diffbot_tools.calibration.likelihood import settings_of
 from diffbot_tools.calibration.quantities import CONSTANTS, times_of
 
@@ -210,34 +208,3 @@ def _bounded(parameters: dict[str, Any]) -> dict[str, Any]:
         elif isinstance(value, list):
             found[name] = [min(max(float(f"{one:.4g}"), spec.minimum), spec.maximum) for one in value]
     return found
-
-
-def parameter_file(given: dict[str, Any], outcome: Outcome, latency: Latency | None, head: str) -> str:
-    """Return a ROS parameter file for the nodes ``ekf`` and, with a latency, ``controller``.
-
-    Args:
-        given: parameters of the ekf before, by name.
-        outcome: of the calibration.
-        latency: of the commands.
-        head: lines of comment.
-    """
-    content: dict[str, Any] = {"/**/ekf": {"ros__parameters": given | outcome.parameters}}
-    if latency is not None:
-        answers = {
-            "command_latency": round(latency.dead_time, 3),
-            "drive_time_constant": round(latency.time_constant, 3),
-            **{name: float(f"{limit:.3g}") for name, limit in limits_of(latency).items()},
-        }
-        content["/**/controller"] = {"ros__parameters": answers}
-    text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120)
-    return "".join(f"# {line}\n" for line in head.splitlines()) + text
-
-
-def given_parameters(config: EkfNodeConfig) -> dict[str, Any]:
-    """Return the parameters of a configuration that differ from the defaults, as a file has them."""
-    defaults, values = to_dict(EkfNodeConfig()), to_dict(config)
-    return {
-        name: list(value) if isinstance(value, tuple) else value
-        for name, value in values.items()
-        if value != defaults[name]
-    }

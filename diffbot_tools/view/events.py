@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
+import math
 from collections import Counter
 from collections.abc import Callable, Mapping
 from math import degrees
@@ -10,23 +10,21 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from diffbot_control.goals.states import AT_GOAL
 from diffbot_control.law.regions import REGION_NAMES
-from diffbot_core.geometry import MAX_COORDINATE, Pose, yaw_of_quaternion
+from diffbot_core.geometry import Pose
 from diffbot_core.units import S_PER_NS
 from diffbot_tools.view.bag_tables import RobotTables, Timed
 from diffbot_tools.view.bounded_table import BoundedTable
 from diffbot_tools.view.clock import Clock, Columns
-from diffbot_tools.view.texts import LogLine, Status
+from diffbot_tools.view.goals import GoalSent, goal_id_in
+from diffbot_tools.view.texts import LogLine, Status, number
 
 OK, WARNING, ERROR = 0, 1, 2
-MAX_GOALS = 2000
-"""of a robot that are shown; later ones are left out"""
 MAX_EVENTS = 10_000
 """of a kind that are kept of a robot; later ones are left out"""
 MAX_NAMES = 1000
 """of nodes, goals and counters whose last message is remembered"""
-_STATUS_DELAY = 2.0
-"""[s] between a goal and the status that names it"""
 _LEAP = 1.0
 """[s]; less may be a delay"""
 _LEVEL_OF_END = {"reached": OK, "cancelled": OK, "replaced": OK}
@@ -43,87 +41,48 @@ class Event(NamedTuple):
     """goal, end, state, switch, rejection, relocation, fault"""
     level: int
     text: str
+    goal: str = ""
+    """of kind ``end``: id of the goal that has ended"""
+    elapsed: float = math.nan
+    """[s] of kind ``end``: time that the controller needed; nan: unknown"""
 
-
-class GoalSent(NamedTuple):
-    """A goal pose and when it was received."""
-
-    time: float
-    """[s]"""
-    pose: Pose
-
-
-def goals_of(robot: RobotTables, clock: Clock) -> list[GoalSent]:
-    """Return the goals, from goal_pose and from the controller's status, which also knows those of a service.
-
-    A goal that was corrected has its last pose.
-    """
-    found = []
-    if (table := robot.tables.get("goals")) is not None:
-        for stamp, log_time, row in zip(table.stamps.tolist(), table.log_times.tolist(), table.numbers, strict=True):
-            x, y, qx, qy, qz, qw = row.tolist()
-            yaw = yaw_of_quaternion(qx, qy, qz, qw)
-            # A goal from a command line has no stamp.
-            time = (stamp - clock.origin) * 1e-9 if stamp >= clock.origin else clock.of_log_time(log_time)
-            if np.isfinite([x, y, yaw]).all() and max(abs(x), abs(y)) <= MAX_COORDINATE:
-                found.append(GoalSent(time, Pose(x, y, yaw)))
-    found.sort(key=lambda one: one.time)
-    for log_time, status in robot.texts.get("controller", []):
-        pose, time = goal_in(status.values), clock.of_log_time(log_time)
-        if pose is None:
-            continue
-        index = bisect_right(found, time, key=lambda one: one.time)
-        if is_corrected(status.values):
-            if index and found[index - 1].time < time - _STATUS_DELAY:
-                found[index - 1] = found[index - 1]._replace(pose=pose)
-            continue
-        # A status may name the goal before a moment after the next one's message, or the next one before it.
-        first = index - 1 - (index > 1 and found[index - 1].time >= time - _STATUS_DELAY)
-        near = [one for one in found[index:] if one.time <= time + _STATUS_DELAY]
-        if not any(_same(one.pose, pose) for one in (*found[max(first, 0) : index], *near)):
-            found.insert(index, GoalSent(time, pose))
-    return found[:MAX_GOALS]
-
-
-def goal_in(values: Mapping[str, str]) -> Pose | None:
-    """Return the goal among the values of controller/status, None if there is none."""
-    try:
-        x, y, theta = map(float, values.get("goal", "").split())
-    except ValueError:
-        return None
-    return Pose(x, y, theta) if np.isfinite([x, y, theta]).all() else None
-
-
-def is_corrected(values: Mapping[str, str]) -> bool:
-    """Whether the goal in controller/status is an earlier one that was corrected since."""
-    return "goal updates" in values
-
-
-def _same(a: Pose, b: Pose) -> bool:
-    return all(abs(p - q) <= 1e-4 * max(1.0, abs(p)) for p, q in zip(a, b, strict=True))
+    @property
+    def row(self) -> tuple[float, str, int, str]:
+        """The event as the page takes it."""
+        return self[:4]
 
 
 class EventMaker:
     """Turns the messages of one robot, in the order of time, into events: for a bag as for a live robot."""
 
-    def __init__(self, namespace: str = "") -> None:
-        """Keep of /diagnostics and /rosout what comes from nodes in ``namespace``, such as ``/robot1``."""
+    def __init__(self, namespace: str = "", *, names_goals: bool = False) -> None:
+        """Start without events.
+
+        Args:
+            namespace: such as ``/robot1``; messages of other nodes in /diagnostics and /rosout are ignored.
+            names_goals: the controller's status names the id of its goal. Found out from the first status otherwise.
+        """
         self._namespace = namespace
+        self._names_goals: bool | None = names_goals or None
+        self._goals: BoundedTable[str, None] = BoundedTable(MAX_NAMES)
+        """ids of the goals that the status has named"""
+        self._has_results = False
         self._states: dict[str, str] = {}
         self._counts: BoundedTable[str, int] = BoundedTable(MAX_NAMES)
         self._ends: BoundedTable[str, None] = BoundedTable(MAX_NAMES)
         self._faults: BoundedTable[str, str] = BoundedTable(MAX_NAMES)
         self._region: float | None = None
 
-    def of_goal(self, time: float, number: int, pose: Pose) -> Event:
-        """Return the event of a new goal."""
-        return Event(
-            time, "goal", OK, f"goal {number}: x {pose.x:.2f} m, y {pose.y:.2f} m, {degrees(pose.theta):.0f} deg"
-        )
+    def of_goal(self, time: float, count: int, pose: Pose) -> Event:
+        """Return the event of a new goal, the ``count``-th one."""
+        text = f"goal {count}: x {pose.x:.2f} m, y {pose.y:.2f} m, {degrees(pose.theta):.0f} deg"
+        return Event(time, "goal", OK, text)
 
     def of_status(self, time: float, who: str, status: Status) -> list[Event]:
         """Return the events of a ~/status: a new state, and counters of the filter that have grown."""
         found = []
+        if who == "controller":
+            self._note_goal(status)
         if status.message != self._states.get(who, ""):
             reason = status.values.get("reason", "")
             text = f"{_short(status.name)}: {status.message}" + (f" ({reason})" if reason else "")
@@ -141,17 +100,30 @@ class EventMaker:
             self._counts[key] = count
         return found
 
+    def _note_goal(self, status: Status) -> None:
+        goal_id, is_named = goal_id_in(status.values), "goal" in status.values
+        # A goal that is held in the first status was reached before it.
+        if goal_id and (self._goals or status.message != AT_GOAL):
+            self._goals[goal_id] = None
+        if self._names_goals is None or is_named:
+            self._names_goals = bool(goal_id) or not is_named
+
     def of_results(self, time: float, statuses: list[Status]) -> list[Event]:
-        """Return the ends of goals that are new in ~/goal_results."""
+        """Return the ends of goals that are new in ~/goal_results.
+
+        The first message is latched: goals in it that the status has never named ended before it.
+        """
         found = []
+        is_latched, self._has_results = self._names_goals and not self._has_results, True
         for status in statuses:
-            is_known = status.name in self._ends
+            is_known = status.name in self._ends or (is_latched and status.name not in self._goals)
             self._ends[status.name] = None
             if is_known:
                 continue
             reason, source = (status.values.get(key, "") for key in ("reason", "source"))
             words = f"goal {status.message}" + (f": {reason}" if reason else "") + (f" [{source}]" if source else "")
-            found.append(Event(time, "end", _LEVEL_OF_END.get(status.message, ERROR), words))
+            level, elapsed = _LEVEL_OF_END.get(status.message, ERROR), number(status.values.get("elapsed time [s]"))
+            found.append(Event(time, "end", level, words, status.name, elapsed))
         return found
 
     def of_region(self, time: float, region: float) -> list[Event]:
@@ -193,7 +165,8 @@ def events_of(
 ) -> list[Event]:
     """Return the events of a robot in the order of time."""
     maker = EventMaker(robot.namespace)
-    found = [maker.of_goal(time, number, pose) for number, (time, pose) in enumerate(goals, 1)]
+    driven = [goal for goal in goals if not goal.is_earlier]
+    found = [maker.of_goal(goal.time, count, goal.pose) for count, goal in enumerate(driven, 1)]
     texts = robot.texts
     sources: list[tuple[list[Timed], Callable[[float, Any], list[Event]]]] = [
         (texts.get("controller", []), lambda time, status: maker.of_status(time, "controller", status)),

@@ -17,8 +17,9 @@ from diffbot_tools.trajectory import Trajectory
 from diffbot_tools.view.bag_tables import BagTables, RobotTables, read_tables
 from diffbot_tools.view.clock import Clock, Columns
 from diffbot_tools.view.constants import constants_of, recorded_config, recorded_wheels
-from diffbot_tools.view.events import Event, GoalSent, events_of, goals_of
+from diffbot_tools.view.events import Event, events_of
 from diffbot_tools.view.footprint import Box
+from diffbot_tools.view.goals import GoalSent, goals_of
 from diffbot_tools.view.landmarks import Landmark, landmarks_on_map
 from diffbot_tools.view.packing import Packer
 from diffbot_tools.view.plans import Plan, PlanEnd, plan_columns
@@ -128,7 +129,7 @@ def page_data(run: BagRun, *others: BagRun) -> dict[str, Any]:
             | {"plan": packer.table(robot.plan)},
             "landmarks": [list(landmark) for landmark in robot.landmarks],
             "goals": [[goal.time, *goal.pose] for goal in robot.goals],
-            "events": [list(event) for event in _listed(robot.events)],
+            "events": [event.row for event in _listed(robot.events)],
             "summary": goal_rows(robot.curves, robot.goals, robot.events, robot.config, robot.wheels),
             "health": health_lines(robot.curves, robot.events, NEES_BOUNDS[1], one.tables.lost, one.tables.is_cut_off),
             "states": robot.states,

@@ -16,7 +16,9 @@ from diffbot_tools.metrics import GoalMetrics, goal_metrics
 from diffbot_tools.view.bag_tables import Timed
 from diffbot_tools.view.causes import causes
 from diffbot_tools.view.clock import Clock, Columns
-from diffbot_tools.view.events import ERROR, OK, WARNING, Event, GoalSent
+from diffbot_tools.view.events import ERROR, OK, WARNING, Event
+from diffbot_tools.view.goal_ends import PASSED, GoalEnd, ends_of
+from diffbot_tools.view.goals import GoalSent
 from diffbot_tools.view.texts import controller_state, filter_state
 
 NEES_SHARE = 0.9
@@ -46,14 +48,15 @@ def goal_rows(
 ) -> list[dict[str, Any]]:
     """Return a row per goal: how it ended, and figures of the true (else the estimated) path, both also in words.
 
-    The path of a goal that was reached ends with its answer, that of others with the next goal. Why a goal was missed
-    is named as far as the curves tell: see causes.py.
+    A goal that was reached before the recording has no row. The path of a goal that was reached ends with its answer,
+    that of others with the next goal. Why a goal was missed is named as far as the curves tell: see causes.py.
     """
+    goals = [goal for goal in goals if not goal.is_earlier]
     columns = curves.get("truth", curves.get("estimate"))
     rows = []
-    for index, (time, pose) in enumerate(goals):
+    for index, (goal, goal_end) in enumerate(zip(goals, ends_of(goals, events), strict=True)):
+        time, pose, (end, ended, _) = goal.time, goal.pose, goal_end
         following = goals[index + 1].time if index + 1 < len(goals) else math.inf
-        end, ended = _end_of(events, time, following)
         row: dict[str, Any] = {"goal": list(pose), "time": time, "end": end, "ended": ended}
         lines: list[Line] = []
         is_off = False
@@ -74,7 +77,7 @@ def goal_rows(
             lines += _figures(found, "True" if "truth" in curves else "Estimated", is_off)
         if "law" in curves and "command" in curves:
             lines += _limits(curves["command"], time, following if ended is None else ended, config)
-        verdict = _verdict(end, ended, time, math.isinf(following), is_off)
+        verdict = _verdict(goal_end, math.isinf(following), is_off)
         if verdict[0] != OK:
             last = min(following, max(float(one["t"][-1]) for one in curves.values()))
             lines = [*causes(curves, time, last if ended is None else ended, config, wheels), *lines]
@@ -82,26 +85,12 @@ def goal_rows(
     return rows
 
 
-def _end_of(events: Sequence[Event], begin: float, following: float) -> tuple[str, float | None]:
-    """Return how the goal of this interval ended, and when [s]; empty and None if the bag does not tell."""
-    # A goal that is replaced ends when the next one comes, and its state arrives a moment later.
-    inside = [event for event in events if begin <= event.time <= following + 0.5]
-    for event in inside:
-        if event.kind == "end":
-            return event.text.removeprefix("goal "), event.time
-    for event in inside:
-        state = event.text.partition(": ")[2]
-        if event.kind == "state" and event.time <= following and state.startswith("goal "):
-            return state.removeprefix("goal "), event.time
-    return "", None
-
-
-def _verdict(end: str, ended: float | None, sent: float, is_last: bool, is_off: bool) -> Line:
-    words = end.partition(" [")[0].replace("not reached: not reached", "not reached")
-    after = "" if ended is None else f"{max(ended - sent, 0.0):.1f} s"
+def _verdict(end: GoalEnd, is_last: bool, is_off: bool) -> Line:
+    words = end.words.partition(" [")[0].replace("not reached: not reached", "not reached")
+    after = f"{max(end.elapsed, 0.0):.1f} s"
     if words.startswith("reached"):
         return (ERROR, f"Reported reached in {after}, but off the goal") if is_off else (OK, f"Reached in {after}")
-    if words.startswith(("replaced", "cancelled")):
+    if words.startswith(("replaced", "cancelled", PASSED)):
         return OK, f"{words.capitalize()} after {after}"
     if words:
         return ERROR, f"{words[:1].upper()}{words[1:]} (after {after})"

@@ -253,7 +253,7 @@ class PageServer:
             if state:
                 await browser.send(state)
             for robot, many in events.items():
-                await browser.send({"type": "events", "robot": robot, "events": many})
+                await browser.send({"type": "events", "robot": robot, "events": [one.row for one in many]})
             while browser.answers:
                 await browser.send(browser.answers.popleft())
             await asyncio.sleep(PERIOD)

@@ -16,7 +16,7 @@ EXECUTABLES = {
     *("controller_node", "diffbot", "docking_node", "ekf_node", "plant_node", "recorder_node", "replay_node"),
     "robot_node",
 }
-PACKAGE_OF_IMPORT = {"mcap_ros2": "mcap-ros2-support", "yaml": "PyYAML"}
+PACKAGE_OF_IMPORT = {"mcap_ros2": "mcap-ros2-support", "ruamel": "ruamel.yaml", "yaml": "PyYAML"}
 INSTALLED = importlib.metadata.distribution("diffbot")
 DIRECT = [Requirement(line) for line in INSTALLED.requires]
 REQUIREMENTS = {

@@ -25,6 +25,10 @@ class Client:
         )
         self.robot, self.shared = {}, {}
         """newest rows of the robot, and what concerns all"""
+        self.status = {}
+        """words of the robot's state"""
+        self.events = []
+        """[time, kind, level, text] of all robots, oldest first"""
 
     def read(self):
         """Take the next message, if one comes within a twentieth of a second."""
@@ -36,6 +40,9 @@ class Client:
             self.shared |= message
             for one in message["robots"].values():
                 self.robot |= one.get("rows", {})
+                self.status |= one.get("status", {})
+        elif message["type"] == "events":
+            self.events += message["events"]
 
     def wait_for(self, condition, what):
         """Read until ``condition()`` is true and return its value."""

@@ -41,8 +41,10 @@ export function showResult(parent, robot, onTime) {
   parent.replaceChildren();
   const rows = robot.summary;
   const reached = rows.filter((one) => one.end.startsWith("reached") && one.level === 0).length;
+  // A path is one goal, which is its last pose.
+  const total = rows.filter((one) => one.end !== "passed").length;
   const head = add(parent, "p", "", { class: "health" });
-  if (rows.length) add(head, "strong", `${reached} of ${rows.length} ${rows.length === 1 ? "goal" : "goals"} reached`);
+  if (total) add(head, "strong", `${reached} of ${total} ${total === 1 ? "goal" : "goals"} reached`);
   for (const [level, text] of robot.health) add(head, "span", text, { "data-level": String(level) });
   const cards = add(parent, "div", "", { class: "cards" });
   // Of many goals, those that failed come first.

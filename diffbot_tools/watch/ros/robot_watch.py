@@ -25,8 +25,9 @@ from diffbot_core.ros.node import LATCHED, QUEUE, DiffbotNode
 from diffbot_core.ros.qos import SENSOR
 from diffbot_core.units import S_PER_NS
 from diffbot_tools.view.bag_tables import LAW_COLUMNS
-from diffbot_tools.view.events import EventMaker, goal_in, is_corrected
+from diffbot_tools.view.events import EventMaker
 from diffbot_tools.view.footprint import read_footprint
+from diffbot_tools.view.goals import Change, GoalWatch
 from diffbot_tools.view.landmarks import read_cloud
 from diffbot_tools.view.live_dock import DockPlacer
 from diffbot_tools.view.live_landmarks import LandmarkPlacer
@@ -81,11 +82,11 @@ class RobotWatch:
         """Subscribe, and put what is received into ``state`` under the robot's ``name``."""
         self._node, self._name, self._state, self._clock = node, name, state, clock
         self._prefix = f"/{namespace.strip('/')}" if namespace.strip("/") else ""
-        self._events = EventMaker(self._prefix)
+        self._events = EventMaker(self._prefix, names_goals=True)
         self._time = 0.0
         self._estimate: Pose | None = None
         self._odometry_origin: Pose | None = None
-        self._goal: Pose | None = None
+        self._goal = GoalWatch()
         self._goals = 0
         self._shown_goals: list[list[float]] = []
         self._status: dict[str, Any] = {"text": "no controller yet", "level": 1}
@@ -243,18 +244,18 @@ class RobotWatch:
         status = read_status(data)
         self._status_received = time.monotonic()
         self._set_status(**controller_state(status))
-        goal = goal_in(status.values)
-        if goal is not None and goal != self._goal and self._shown_goals and is_corrected(status.values):
-            self._shown_goals = [*self._shown_goals[:-1], [self._shown_goals[-1][0], *goal]]
-            self._state.put(self._name, "goals", self._shown_goals)
-        elif goal is not None and goal != self._goal:
-            self._goals += 1
-            self._add([self._events.of_goal(self._time, self._goals, goal)])
+        change, pose = self._goal.take(status), self._goal.pose
+        if pose is not None and change is not Change.NONE:
+            if change is Change.NEW:
+                self._goals += 1
+                self._add([self._events.of_goal(self._time, self._goals, pose)])
+            time_sent = self._time
+            if change is Change.CORRECTED and self._shown_goals:
+                *self._shown_goals, (time_sent, *_) = self._shown_goals
             # A time that has jumped back is a new run.
             self._shown_goals = [one for one in self._shown_goals if one[0] < self._time][1 - MAX_GOALS :]
-            self._shown_goals = [*self._shown_goals, [self._time, *goal]]
+            self._shown_goals = [*self._shown_goals, [time_sent, *pose]]
             self._state.put(self._name, "goals", self._shown_goals)
-        self._goal = goal
         if self._plan_end.is_over(status.values):
             self._state.put(self._name, "plan", [self._time, []])
         self._add(self._events.of_status(self._time, "controller", status))

@@ -29,6 +29,7 @@ from diffbot_sim.model.actuators import ActuatorConfig, command_rows, delayed_co
 from diffbot_sim.model.philox import NoiseKey
 from diffbot_sim.model.plant import PlantConfig, new_plant, plant_step_at
 from diffbot_tools import cli
+from diffbot_tools.bringup.data_sheet import REQUIRED, check_data_sheet
 from diffbot_tools.calibration import settings as kernel
 from diffbot_tools.calibration.command import run
 from diffbot_tools.calibration.events import Collector, Odometry, averaged, with_error_states
@@ -40,7 +41,11 @@ from diffbot_tools.refilter.parameters import read_config
 
 TRUE = Errors(0.03, -0.03, 0.05, 0.2, 1.5, gyro_bias=0.1)
 TWIST, IMU = "geometry_msgs/msg/Twist", "sensor_msgs/msg/Imu"
-PARAMETERS = f"/**/ekf: {{ros__parameters: {{gate_probability: 1.0, pose_sources: [{SECOND}], use_gyro: true}}}}"
+LIMITS = ", ".join(f"{name}: 0.6" for name in REQUIRED)
+PARAMETERS = f"""\
+/**: {{ros__parameters: {{{LIMITS}}}}} # the data sheet
+/**/ekf: {{ros__parameters: {{gate_probability: 1.0, pose_sources: [{SECOND}], use_gyro: true}}}}
+"""
 
 
 def write_bag(path, recording, commands=True):
@@ -113,6 +118,14 @@ def test_errors_of_the_robot_are_found(calibrated):
     assert found["gyro_bias_sigma"] == pytest.approx(0.1, abs=0.01)
     assert found["override_covariance"] is True
     assert found["gate_probability"] == 1.0
+
+
+def test_the_limits_of_the_robot_are_kept(calibrated):
+    """So that the file can be used in place of the given one."""
+    check_data_sheet(calibrated)
+    text = calibrated.read_text()
+    assert text.startswith("# Calibrated from bag by diffbot calibrate.\n")
+    assert "# the data sheet" in text
 
 
 def test_a_bag_without_a_measured_pose_is_refused_by_topic_and_type(tmp_path):

@@ -1,0 +1,162 @@
+"""The file that `diffbot calibrate` writes: the given one, complete, with the values that were found."""
+
+import difflib
+import math
+
+import pytest
+import yaml
+
+from diffbot_control.ros.parameters.controller import ControllerNodeConfig
+from diffbot_core.parameter_files import read_sections
+from diffbot_core.schema import build
+from diffbot_tools.bringup.data_sheet import check_data_sheet
+from diffbot_tools.calibration.calibrated_file import calibrated_file
+from diffbot_tools.calibration.latency import Latency
+from diffbot_tools.calibration.parameters import Outcome, Row
+from diffbot_tools.refilter.parameters import read_config, values_of
+from diffbot_tools.robot.description import PRESETS, file_of_robot
+
+FOUND = Outcome(
+    {
+        "odometry_delay": 0.21,
+        "odometry_noise": "motion",
+        "alpha1": 1e-05,
+        "global_pose_sigma_xy": 0.0512,
+        "use_gyro": True,
+    },
+    [Row("odometry_delay", 0.0, 0.21, "0.01", ""), Row("alpha1", 1.0, 1e-05, "7 %", "at its bound")],
+    [],
+)
+LATENCY = Latency(0.2291, 0.0142, 0.1, 0.5, 9.0)
+HEAD = "Calibrated from drive by diffbot calibrate."
+FILES = {
+    "indented": """\
+# my robot
+
+/**:
+    ros__parameters:
+        # the data sheet
+        linear: {x: {max_velocity: 0.6, max_acceleration: 0.9}}
+        command_latency: 0.1   # [s] guessed
+
+# the filter
+/robot1:
+    ekf:
+        ros__parameters:
+            filter: 'ekf'
+            pose_sources:
+            - uwb # ceiling
+            - gps
+            pose_source_sigma_xy: [1.0, 1.0] # in the hall
+            gate_probability: 1.0
+# the end
+""",
+    "one line": "/**/ekf: {ros__parameters: {gate_probability: 1.0, pose_sources: [uwb, gps], use_gyro: true}}\n",
+    "words": "/**/ekf:\n  ros__parameters: {override_covariance: no, alpha2: .5, base_link_frame: '0x10'}\n",
+    "empty": "/**/ekf:\n  ros__parameters: {}\n",
+}
+
+
+def written(path, text, outcome=FOUND, latency=LATENCY, head=HEAD):
+    """Write ``text``, calibrate, and return the new text, which is also in ``path`` then."""
+    path.write_text(text)
+    config, _ = read_config(path)
+    path.write_text(calibrated_file(path, config, outcome, latency, head))
+    return path.read_text()
+
+
+def values(path, node):
+    sections = [one for one in read_sections(path) if one.node in (node, "**")]
+    return {name: value for one in sections for name, value in one.values.items()}
+
+
+def changed_lines(before, after):
+    lines = list(difflib.ndiff(before.splitlines(), after.splitlines()))
+    return [line[2:].strip() for line in lines if line[0] == "-"], [
+        line[2:].strip() for line in lines if line[0] == "+"
+    ]
+
+
+def test_a_robot_s_file_stays_complete_with_its_comments(tmp_path):
+    path, before = tmp_path / "calibrated.yaml", file_of_robot(PRESETS["turtlebot4"])
+    after = written(path, before)
+    removed, added = changed_lines(before, after)
+    assert [line.split(":")[0] for line in removed] == [
+        *("linear.x.max_acceleration", "command_latency", "drive_time_constant", "global_pose_sigma_xy"),
+    ]
+    assert [" ".join(line.split()) for line in added] == [
+        f"# {HEAD}",
+        "linear.x.max_acceleration: 0.5 # [m/s^2]; calibrated, 0.9 before",
+        "command_latency: 0.229 # [s], from a pose's stamp to the motion that it causes; "
+        "calibrated, +- 0.014, 0.12 before",
+        "drive_time_constant: 0.1 # [s]; calibrated, 0.05 before",
+        "odometry_delay: 0.21 # calibrated, +- 0.01",
+        "alpha1: 1.0e-05 # calibrated, +- 7 %, at its bound",
+        "global_pose_sigma_xy: 0.0512 # [m], for a global_pose without covariance; calibrated, 0.03 before",
+    ]
+    check_data_sheet(path)
+    controller = build(ControllerNodeConfig, values_of(values(path, "controller"), ControllerNodeConfig))
+    assert controller.supervisor.controller.data_sheet.v_max == 0.31
+
+
+def test_a_limit_of_acceleration_is_never_raised(tmp_path):
+    path = tmp_path / "calibrated.yaml"
+    written(path, file_of_robot(PRESETS["turtlebot4"]))
+    assert values(path, "controller")["angular.z.max_acceleration"] == 7.7, "9.0 was measured"
+    written(path, "/**/ekf: {ros__parameters: {}}\n")
+    assert values(path, "controller")["angular.z.max_acceleration"] == 9.0, "none was given"
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_all_other_values_and_comments_stay(tmp_path, name):
+    path, text = tmp_path / "calibrated.yaml", FILES[name]
+    path.write_text(text)
+    before = {node: values(path, node) for node in ("ekf", "controller", "plant")}
+    after = written(path, text)
+    found = FOUND.parameters | {"command_latency": 0.229, "drive_time_constant": 0.1}
+    found |= {"linear.x.max_acceleration": 0.5, "angular.z.max_acceleration": 9.0}
+    for node, given in before.items():
+        new = values(path, node)
+        assert {key: value for key, value in new.items() if key not in found} == {
+            key: value for key, value in given.items() if key not in found
+        }
+        assert all(new[key] == found[key] for key in new if key in found)
+    assert values(path, "ekf").items() >= FOUND.parameters.items()
+    assert values(path, "controller")["command_latency"] == 0.229
+    for comment in [line.partition("#")[2].strip() for line in text.splitlines() if "#" in line]:
+        assert f"# {comment}" in after
+    read_config(path)
+
+
+def test_a_second_calibration_replaces_the_notes_of_the_first(tmp_path):
+    path = tmp_path / "calibrated.yaml"
+    first = written(path, file_of_robot(PRESETS["turtlebot4"]))
+    again = FOUND._replace(parameters={"odometry_delay": 0.3}, rows=[])
+    removed, added = changed_lines(first, written(path, first, again, None, HEAD.replace("drive", "drive2")))
+    assert [line.split(" ")[0] for line in removed] == ["#", "odometry_delay:"]
+    assert [" ".join(line.split()) for line in added] == [
+        "# Calibrated from drive2 by diffbot calibrate.",
+        "odometry_delay: 0.3 # calibrated, 0.21 before",
+    ]
+
+
+def test_lists_are_replaced_in_their_place(tmp_path):
+    path = tmp_path / "calibrated.yaml"
+    text = written(path, FILES["indented"], Outcome({"pose_source_sigma_xy": [0.1, 0.2]}, [], []), None)
+    assert "pose_source_sigma_xy: [0.1, 0.2] # in the hall; calibrated, [1.0, 1.0] before\n" in text
+    assert changed_lines(FILES["indented"], text)[0] == ["pose_source_sigma_xy: [1.0, 1.0] # in the hall"]
+
+
+def test_a_value_that_the_digits_cannot_tell_from_the_given_one_is_left_alone(tmp_path):
+    text = "/**/ekf:\n  ros__parameters:\n    alpha1: 0.123456 # measured\n"
+    path = tmp_path / "calibrated.yaml"
+    assert written(path, text, Outcome({"alpha1": 0.1235}, [], []), None, "") == text
+
+
+def test_a_file_of_another_maker_is_read_as_ros_reads_it(tmp_path):
+    """YAML 1.1 and 1.2 differ in what is a boolean or a number; what is not touched must not change."""
+    path = tmp_path / "calibrated.yaml"
+    after = written(path, FILES["words"])
+    assert yaml.safe_load(after)["/**/ekf"]["ros__parameters"]["override_covariance"] is False
+    assert math.isclose(yaml.safe_load(after)["/**/ekf"]["ros__parameters"]["alpha2"], 0.5)
+    assert "base_link_frame: '0x10'" in after
