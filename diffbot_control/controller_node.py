@@ -113,10 +113,10 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
 
     def deactivate(self) -> None:
         """Stop the robot and leave cmd_vel to others; the goal is cancelled."""
+        # First, since the rest may fail, and before the publisher may be destroyed.
+        self.outputs.deliver(STOP)
         self.goals.drop_pending()
         self.supervisor.on_stop()
-        # Before the publisher may be destroyed.
-        self.outputs.deliver(STOP)
         self._publish_status()
         self.goals.publish_changes()
 
