@@ -9,7 +9,7 @@ import graph
 import pytest
 from bag_makers import unfinished
 from nav_msgs.msg import Odometry
-from promises import COMMAND_TIMEOUT, FLUSH_PERIOD, NEVER, PERIOD, POSE_TIMEOUT
+from promises import COMMAND_TIMEOUT, NEVER, PERIOD, POSE_TIMEOUT
 from rclpy.serialization import deserialize_message
 from robot import stamp
 from witness import NEAR
@@ -72,7 +72,7 @@ def recordings(driving, running, folder):
     """Yield a recorder of the true poses that has written ten of them, and the folder of its bag, for each trial."""
     for number in running:
         bag = folder / f"bag_{number}"
-        with graph.node(RECORDER, {"uri": bag, "flush_period": FLUSH_PERIOD, "topics": ["/ground_truth"]}) as recorder:
+        with graph.node(RECORDER, {"uri": bag, "topics": ["/ground_truth"]}) as recorder:
             recorder.wait_for_output("ready")
             driving.peer.spin_until(lambda bag=bag: len(true_poses(bag)) >= 10, what="ten poses in the bag")
             yield recorder, bag

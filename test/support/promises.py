@@ -10,8 +10,8 @@ PERIOD = 0.1
 """[s] of plant, poses and commands"""
 LOST_INPUT = POSE_TIMEOUT + PERIOD
 LOST_COMMANDS = COMMAND_TIMEOUT + PERIOD
-FLUSH_PERIOD = 0.5
-"""[s] of the recorders here"""
+LOST_MESSAGES = 0.5
+"""[s] of a recorder with default parameters"""
 RECEIVED_SHARE = 0.9
 """Share of the hostile messages that the nodes have to have handled for the test to count."""
 NEVER = 3600.0
@@ -49,10 +49,10 @@ PROMISES = {
     "kill robot": Promise("kill -9 of robot_node", f"{_BASE}; a new one drives to goals", 20, 1, LOST_COMMANDS),
     "kill recorder": Promise(
         "kill -9 of the recorder",
-        "the robot drives on; all but the last flush_period + one period is in the bag",
+        "the robot drives on; all but the last 0.5 s is in the bag",
         20,
         1,
-        FLUSH_PERIOD + PERIOD,
+        LOST_MESSAGES,
     ),
     "stop ekf": Promise("SIGSTOP of ekf, then SIGCONT", f"{_STOP}; then it drives on", 20, 1, LOST_INPUT),
     "stop plant": Promise("SIGSTOP of the plant, then SIGCONT", f"{_STOP}; then it drives on", 10, 1, LOST_INPUT),
