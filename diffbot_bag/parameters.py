@@ -30,7 +30,16 @@ class RecorderConfig(NamedTuple):
     topic_polling_interval: Annotated[
         float, Spec("time between two looks for new topics", "s", 0.01, 60.0, read_only=True)
     ] = 0.1
-    flush_period: Annotated[float, Spec("most that a crash can lose", "s", 0.05, 60.0, read_only=True)] = 1.0
+    flush_period: Annotated[
+        float,
+        Spec(
+            "time between two flushes; a crash loses this and the flush's own time at most",
+            "s",
+            0.05,
+            60.0,
+            read_only=True,
+        ),
+    ] = 0.25
     fsync: Annotated[bool, Spec("a flush reaches the disk, so that it survives a power cut, too", read_only=True)] = (
         True
     )

@@ -18,6 +18,7 @@ from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
+from diffbot_control.goals.dock_contact import DockContact
 from diffbot_control.goals.driver import STOP
 from diffbot_control.goals.goal_record import NOT_REACHED
 from diffbot_control.goals.states import ACTIVE
@@ -53,6 +54,13 @@ from diffbot_core.uncertainty import Uncertainty
 from diffbot_core.units import NS_PER_S
 
 _STATUS_PERIOD = 0.5
+_HAS_POWER = {
+    BatteryState.POWER_SUPPLY_STATUS_CHARGING: True,
+    BatteryState.POWER_SUPPLY_STATUS_FULL: True,
+    BatteryState.POWER_SUPPLY_STATUS_DISCHARGING: False,
+    BatteryState.POWER_SUPPLY_STATUS_NOT_CHARGING: False,
+}
+"""States of a battery from which it follows if a charger supplies the robot."""
 _MIN_WATCH_PERIOD = 1e-3
 """[s] a timer with a period of 0 would use a whole processor."""
 
@@ -78,6 +86,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self._pose_watch = PoseWatch(self.clock_watch)
         self._checked_period = 0.0
         self._newest_time = 0.0
+        self._contact = DockContact()
         self.goals = GoalServer(self, self.supervisor, self._goals_of, self._now, self.cancel, self._publish_status)
         self._keeper = GoalKeeper(self, self.goals)
         self._actions = serve_nav2_actions(self, self.goals)
@@ -86,7 +95,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self.subscribe(PoseStamped, UPDATE_TOPIC, self._on_goal_update, sensor_qos(config.reliable_inputs))
         self.subscribe(Path, "path", self._on_path, raw=True)
         if hasattr(self.supervisor.memory, "contact"):
-            self.subscribe(Bool, "dock_contact", lambda message: self.supervisor.on_contact(message.data))
+            self.subscribe(Bool, "dock_contact", self._on_switch)
             self.subscribe(BatteryState, "battery_state", self._on_battery)
         self._pose_topic = "pose" if config.pose_source == "pose" else "odometry/filtered"
         self._receive_poses(self._pose_topic)
@@ -110,13 +119,15 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self.supervisor = self.goals.supervisor = Supervisor(self.config.supervisor, self.law)
         # How earlier goals ended is still to be answered.
         self.supervisor.goals = book
+        # A switch may report changes only.
+        self.supervisor.on_contact(self._contact.touches)
 
     def deactivate(self) -> None:
         """Stop the robot and leave cmd_vel to others; the goal is cancelled."""
+        # First, since the rest may fail, and before the publisher may be destroyed.
+        self.outputs.deliver(STOP)
         self.goals.drop_pending()
         self.supervisor.on_stop()
-        # Before the publisher may be destroyed.
-        self.outputs.deliver(STOP)
         self._publish_status()
         self.goals.publish_changes()
 
@@ -179,8 +190,13 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         config = self.config
         self.goals.paths.start(poses_along(read_path(data), config.map_frame, self._transforms, config.max_path_poses))
 
+    def _on_switch(self, message: Bool) -> None:
+        self._contact.on_switch(message.data)
+        self.supervisor.on_contact(self._contact.touches)
+
     def _on_battery(self, message: BatteryState) -> None:
-        self.supervisor.on_contact(message.power_supply_status == BatteryState.POWER_SUPPLY_STATUS_CHARGING)
+        self._contact.on_charger(_HAS_POWER.get(message.power_supply_status))
+        self.supervisor.on_contact(self._contact.touches)
 
     def _on_goal_update(self, message: PoseStamped) -> None:
         if self.supervisor.goals.present is None:

@@ -15,8 +15,8 @@ from robot import stamp
 from witness import COMMAND_TIMEOUT, LOST_COMMANDS, LOST_INPUT, NEAR, NEVER, PERIOD, POSE_TIMEOUT
 
 RECORDER = "diffbot_bag.recorder_node"
-FLUSH_PERIOD = 0.5
-"""[s] the recorder's default"""
+LOST_MESSAGES = 0.5
+"""[s] of a recorder with default parameters"""
 KEEPING = {"pose_lost_timeout": 0.0}
 """The controller keeps its goal, however long a source of poses takes to start again."""
 
@@ -74,7 +74,7 @@ def recordings(driving, trials, folder):
     """Yield a recorder of the true poses that has written ten of them, and the folder of its bag, for each trial."""
     for number in trials:
         bag = folder / f"bag_{number}"
-        with graph.node(RECORDER, {"uri": bag, "flush_period": FLUSH_PERIOD, "topics": ["/ground_truth"]}) as recorder:
+        with graph.node(RECORDER, {"uri": bag, "topics": ["/ground_truth"]}) as recorder:
             recorder.wait_for_output("ready")
             driving.peer.spin_until(lambda bag=bag: len(true_poses(bag)) >= 10, what="ten poses in the bag")
             yield recorder, bag
@@ -98,7 +98,7 @@ def test_killed_recorder_leaves_the_robot_driving_and_a_readable_bag(driving, tr
         stopped = [value for at, value in driving.commands if at >= since and value == (0.0, 0.0)]
         # Nodes that have waited for a processor longer than pose_timeout stop the robot, and rightly so.
         assert not stopped or driving.delay() >= POSE_TIMEOUT
-        assert (wall - true_poses(bag)[-1][0]) * 1e-9 <= trials.bound(FLUSH_PERIOD + PERIOD)
+        assert (wall - true_poses(bag)[-1][0]) * 1e-9 <= trials.bound(LOST_MESSAGES)
         assert "Traceback" not in recorder.output
 
 

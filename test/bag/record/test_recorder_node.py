@@ -1,7 +1,11 @@
 """The recorder: what was published over DDS is in the bag, to the byte and in order, and what is missing is counted."""
 
 import re
+import signal
+import statistics
+import time
 
+import bag_makers
 import geometry_msgs.msg
 import graph
 import pytest
@@ -239,3 +243,27 @@ def test_what_it_refuses_to_start_with_leaves_no_folder(nodes, tmp_path, paramet
     with pytest.raises(DiffbotError, match=re.escape(words)):
         Recorder(nodes, tmp_path / "run", **parameters)
     assert not (tmp_path / "run").exists()
+
+
+def test_a_kill_at_any_time_costs_half_a_second_at_most_with_default_parameters(peer, tmp_path):
+    folder, sender = tmp_path / "run", peer.publisher(TwistStamped, "data", 1000)
+    with graph.node("diffbot_bag.recorder_node", {"uri": folder, "topics": ["/data"]}) as recorder:
+        graph.wait_for(sender.get_subscription_count, what="the recorder")
+        ages, newest = [], 0
+        while len(ages) < 6:
+            sender.publish(TwistStamped())
+            before, newest = newest, newest_time(folder)
+            if newest > before > 0:
+                # A kill just before this flush would have cost what came after the flush before it.
+                ages.append((time.time_ns() - before) * 1e-9)
+            time.sleep(0.005)
+        recorder.send(signal.SIGKILL)
+        recorder.wait()
+    assert newest_time(folder) >= newest
+    # The median: on a busy machine a flush may be held up.
+    assert statistics.median(ages) <= 0.5
+
+
+def newest_time(folder):
+    """Log time [ns] of the newest message in a bag that may be unfinished; 0 without one."""
+    return max((one.log_time for one in bag_makers.unfinished(folder / f"{folder.name}_0.mcap")), default=0)

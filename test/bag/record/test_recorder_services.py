@@ -1,5 +1,7 @@
 """The services of a running recorder, splits, and what it attaches to each file."""
 
+import secrets
+
 import cut_bags
 import graph
 import one_process
@@ -59,6 +61,26 @@ def test_splits_by_size_and_service_lose_and_repeat_nothing(tmp_path, nodes):
     assert len(by_file) >= 5
     assert [number for file in by_file for number in file] == list(range(1, 4101))
     assert numbers(tmp_path / "run", "/map") == [[1]] * len(by_file)
+
+
+def test_a_slow_recording_with_default_parameters_splits_and_deletes_the_oldest_files(tmp_path, nodes):
+    size = 2**19
+    recorder = Recorder(nodes, tmp_path / "run", topics=["/text"], max_bag_size=size, max_bag_files=2)
+    text = nodes.peer.publisher(String, "text", DEEP)
+    recorder.wait_for(text)
+    # 1.7 MB in chunks smaller than chunk_size, each written by a flush.
+    for number in range(1, 15):
+        text.publish(String(data=secrets.token_hex(120_000)))
+        nodes.peer.spin_until(
+            lambda number=number: recorder.node._writer.count == number and not recorder.node._writer.unflushed,
+            what="a flush",
+        )
+        assert len(cut_bags.files_of(tmp_path / "run")) <= 2
+    recorder.close()
+    kept = cut_bags.files_of(tmp_path / "run")
+    assert len(kept) == 2
+    assert all(path.stat().st_size < 1.3 * size for path in kept)
+    assert len(cut_bags.check_metadata(tmp_path / "run")) < 14
 
 
 def test_a_pause_is_no_loss(tmp_path, nodes):
