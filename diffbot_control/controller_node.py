@@ -27,7 +27,6 @@ from diffbot_control.law.loop_check import unstable_gains
 from diffbot_control.ros.controller_publishers import STATE_LOG_PERIOD, ControllerPublishers
 from diffbot_control.ros.controller_status import BEYOND_LIMITS, LEVELS
 from diffbot_control.ros.frames import robot_frame
-from diffbot_control.ros.goals.keeper import GoalKeeper
 from diffbot_control.ros.goals.nav2_actions import serve_nav2_actions
 from diffbot_control.ros.goals.server import GoalServer
 from diffbot_control.ros.goals.updates import TOPIC as UPDATE_TOPIC
@@ -79,7 +78,6 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self._checked_period = 0.0
         self._newest_time = 0.0
         self.goals = GoalServer(self, self.supervisor, self._goals_of, self._now, self.cancel, self._publish_status)
-        self._keeper = GoalKeeper(self, self.goals)
         self._actions = serve_nav2_actions(self, self.goals)
         self.subscribe(PoseStamped, "goal_pose", lambda message: self.goals.singles.take(self._goals_of(message)[0]))
         self._updates = GoalUpdates(self, self.goals)
@@ -97,10 +95,9 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self.create_timer(_STATUS_PERIOD, self._publish_status, clock=self.steady_clock)
 
     def activate(self) -> None:
-        """Start idle, or with the goal of the controller before; see :class:`GoalKeeper`."""
+        """Start without a goal and publish that."""
         self._start_anew()
         self._pose_watch.on_goal()
-        self._keeper.restore()
         # Even without a goal: the first message that a subscriber receives is then the past, and all others are new.
         self.goals.publish_changes(force=True)
         self._publish_status()
@@ -310,7 +307,6 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self.goals.publish_changes()
 
     def _publish_status(self) -> None:
-        self._keeper.save()
         self.outputs.publish_status(self.supervisor, self.law)
 
 
