@@ -23,12 +23,9 @@ from diffbot_control.goals.driver import STOP
 from diffbot_control.goals.goal_record import NOT_REACHED
 from diffbot_control.goals.states import ACTIVE
 from diffbot_control.goals.supervisor import Supervisor
-from diffbot_control.law.controller import SwitchingLaw
-from diffbot_control.law.loop_check import unstable_gains
 from diffbot_control.ros.controller_publishers import STATE_LOG_PERIOD, ControllerPublishers
 from diffbot_control.ros.controller_status import BEYOND_LIMITS, LEVELS
 from diffbot_control.ros.frames import robot_frame
-from diffbot_control.ros.goals.keeper import GoalKeeper
 from diffbot_control.ros.goals.nav2_actions import serve_nav2_actions
 from diffbot_control.ros.goals.server import GoalServer
 from diffbot_control.ros.goals.updates import TOPIC as UPDATE_TOPIC
@@ -49,7 +46,6 @@ from diffbot_core.geometry import Pose
 from diffbot_core.ros.managed_node import ManagedNode
 from diffbot_core.ros.node import run
 from diffbot_core.ros.qos import sensor_qos
-from diffbot_core.stamps import PeriodWatch
 from diffbot_core.uncertainty import Uncertainty
 from diffbot_core.units import NS_PER_S
 
@@ -82,13 +78,10 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self._robot_frame = robot_frame(config)
         self.outputs = ControllerPublishers(self)
         self._transforms = transforms_of(self, config.transform_tolerance)
-        self._pose_periods = PeriodWatch()
         self._pose_watch = PoseWatch(self.clock_watch)
-        self._checked_period = 0.0
         self._newest_time = 0.0
         self._contact = DockContact()
         self.goals = GoalServer(self, self.supervisor, self._goals_of, self._now, self.cancel, self._publish_status)
-        self._keeper = GoalKeeper(self, self.goals)
         self._actions = serve_nav2_actions(self, self.goals)
         self.subscribe(PoseStamped, "goal_pose", lambda message: self.goals.singles.take(self._goals_of(message)[0]))
         self._updates = GoalUpdates(self, self.goals)
@@ -106,10 +99,9 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self.create_timer(_STATUS_PERIOD, self._publish_status, clock=self.steady_clock)
 
     def activate(self) -> None:
-        """Start idle, or with the goal of the controller before; see :class:`GoalKeeper`."""
+        """Start without a goal and publish that."""
         self._start_anew()
         self._pose_watch.on_goal()
-        self._keeper.restore()
         # Even without a goal: the first message that a subscriber receives is then the past, and all others are new.
         self.goals.publish_changes(force=True)
         self._publish_status()
@@ -171,7 +163,6 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
     def on_config(self, config: ControllerNodeConfig) -> None:
         """Use changed gains, limits and tolerances from the next pose on."""
         self.supervisor.config = config.supervisor
-        self._checked_period = 0.0
         self._watch.timer_period_ns = int(self._watch_period() * NS_PER_S)
 
     def health_level(self) -> tuple[int, str]:
@@ -222,16 +213,6 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
             raise BadMessageError("the controller is inactive")
         self._pose_watch.on_goal()
 
-    def _check_gains(self, stamp: int) -> None:
-        """Warn of gains that cannot be stable at the rate of the poses: once, and again when it has changed."""
-        period = self._pose_periods.next(stamp)
-        if period is None or self.law is not SwitchingLaw or abs(period - self._checked_period) < 0.5 * period:
-            return
-        self._checked_period = period
-        warning = unstable_gains(self.config.supervisor.controller, period)
-        if warning:
-            self.get_logger().warning(warning)
-
     def _on_pose(self, message: PoseWithCovarianceStamped | Odometry) -> None:
         stamp, pose, uncertainty = pose_from(message, self.config.map_frame, self._robot_frame)
         self._answer(stamp, pose, self._fallback() if uncertainty is None else uncertainty)
@@ -254,7 +235,6 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
             self.health.counted[f"{self._pose_topic} without a later stamp"] += 1
         if not self.is_active:
             return advances
-        self._check_gains(stamp)
         if self._pose_watch.is_stale(self.config):
             self._on_tick()
             return advances
@@ -326,7 +306,6 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self.goals.publish_changes()
 
     def _publish_status(self) -> None:
-        self._keeper.save()
         self.outputs.publish_status(self.supervisor, self.law)
 
 

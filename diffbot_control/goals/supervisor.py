@@ -151,18 +151,9 @@ class Supervisor:
         """Drive to ``goal`` (frame of the poses) from the next pose on; the newest goal or path wins."""
         self._accept([goal], request, 0, 0)
 
-    def on_path(
-        self, goals: list[Pose], request: GoalRequest = ANONYMOUS, waypoint: int = 1, waypoints: int = 0
-    ) -> None:
-        """Drive to ``goals`` one after the other; the last one is held.
-
-        Args:
-            goals: at least one.
-            request: where the path comes from.
-            waypoint: number of the first one in the whole path, from 1.
-            waypoints: goals of the whole path; 0: these are all.
-        """
-        self._accept(goals, request, waypoint, waypoints or len(goals))
+    def on_path(self, goals: list[Pose], request: GoalRequest = ANONYMOUS) -> None:
+        """Drive to ``goals``, at least one, one after the other; the last one is held."""
+        self._accept(goals, request, 1, len(goals))
 
     def on_goal_update(self, goal: Pose) -> None:
         """Correct the goal, of a path the last one, without a new beginning: region, course and finish go on.

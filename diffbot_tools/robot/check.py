@@ -6,9 +6,7 @@ import math
 from collections.abc import Iterator
 
 from diffbot_control.goals import data_sheet_of
-from diffbot_control.law.configuration import ControllerConfig
 from diffbot_control.law.goal_checker import is_knowable, smallest_tolerance
-from diffbot_control.law.loop_check import unstable_gains
 from diffbot_core.data_sheet import rim_speed
 from diffbot_core.geometry import Pose, out_of_frame
 from diffbot_core.kinematics import Twist
@@ -78,8 +76,6 @@ def contradictions(robot: Robot) -> Iterator[str]:
     ):
         if stated and not stated / _ALIKE <= simulated <= stated * _ALIKE:
             yield f"{name} = {stated:g}: the plant's poses have {simulated:.3g}"
-    if isinstance(controller, ControllerConfig) and (warning := unstable_gains(controller, plant.sampling_time)):
-        yield warning
 
 
 def at_rest(robot: Robot) -> tuple[Uncertainty, float]:

@@ -28,7 +28,7 @@ PARAMETERS = "/ekf:\n  ros__parameters:\n    wheel_radius: 0.1\n    wheel_separa
 CONTRACT = "version: 1\nbag: {max_lost: 0}\ntopics: {/odom: {min_rate: 1.0, max_gap: 1.0, stamped: true}}\n"
 ARGUMENTS = {
     "bag info": [["{bag}"], ["{bag}", "--json"]],
-    "bag check": [["{bag}", "{given}/contract.yaml", "--junit", "{out}.xml"], ["{bag}", "--write", "{out}.yaml"]],
+    "bag check": [["{bag}", "{given}/contract.yaml", "--json"], ["{bag}", "--write", "{out}.yaml"]],
     "bag repair": [["{bag}", "{out}"], ["{copy}", "--in-place"]],
     "bag trim": [["{bag}", "{out}", "--from", "0.1s", "--to", "end-0.1s"]],
     "bag filter": [["{bag}", "{out}", "--topics", "/odom", "/map"]],

@@ -81,7 +81,6 @@ def test_a_file_means_the_same_as_its_description_and_has_nothing_wrong(descript
             check.contradictions,
             "two periods of odom = 0.1: pose_timeout is 0.06 only",
         ),
-        ({"controller__turn_react": 0.02}, check.contradictions, "gains are not stable"),
     ],
 )
 def test_what_is_missing_or_contradictory_is_found(changes, kind, text, tmp_path):

@@ -6,8 +6,6 @@ import math
 import re
 
 import browser
-import matplotlib.image
-import numpy as np
 import pytest
 import view_bags
 
@@ -206,7 +204,7 @@ def test_one_cursor_in_all_charts_and_on_the_map_and_a_zoom_of_the_time(page):
     assert page.get("diffbotPage.zoom") is None
 
 
-def test_a_link_leads_to_the_moment_and_the_view_and_both_are_saved_as_a_picture(page, new_page, report, tmp_path):
+def test_a_link_leads_to_the_moment_and_the_view(page, new_page, report):
     page.get(
         "diffbotPage.player.go(3.25); Object.assign(diffbotPage.view, { x: 0.5, y: 1.5, scale: 99, follow: false })"
     )
@@ -219,14 +217,6 @@ def test_a_link_leads_to_the_moment_and_the_view_and_both_are_saved_as_a_picture
     broken = new_page().open(f"{report}#t=x&map=1,2&zoom=9,1&robot=none")
     assert broken.get("[diffbotPage.player.time === diffbotPage.player.end, diffbotPage.zoom]") == [True, None]
     broken.tab.close()
-    with page.tab.expect_download() as download:
-        page.tab.keyboard.press("s")
-    download.value.save_as(tmp_path / "seen.png")
-    image = matplotlib.image.imread(tmp_path / "seen.png")
-    colours = np.round(255 * image[:, :, :3]).astype(int).reshape(-1, 3)
-    width = page.get("document.getElementById('map').clientWidth")
-    assert image.shape[1] > 1.3 * width
-    assert np.count_nonzero(np.abs(colours - np.array(TRUTH)).sum(axis=1) <= 60) > 200
 
 
 STATES = [
