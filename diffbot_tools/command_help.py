@@ -7,6 +7,7 @@ import textwrap
 from importlib.metadata import version
 from typing import Any
 
+from diffbot_core.distribution import DISTRIBUTION
 from diffbot_core.errors import known_name
 
 GROUPS = {
@@ -73,7 +74,7 @@ class TopParser(CommandParser):
     def __init__(self) -> None:
         """Make the parser without commands."""
         super().__init__(prog="diffbot", description="Go-to-pose stack for differential-drive robots.")
-        self.add_argument("--version", action="version", version=f"%(prog)s {version('diffbot')}")
+        self.add_argument("--version", action="version", version=f"%(prog)s {version(DISTRIBUTION)}")
         self.commands = self.add_subparsers(metavar="COMMAND", parser_class=CommandParser)
 
     def format_help(self) -> str:

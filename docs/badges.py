@@ -8,6 +8,8 @@ from typing import NamedTuple
 
 from anybadge import Badge
 
+from diffbot_core.distribution import DISTRIBUTION
+
 _BLUE, _GREEN = "#3f51b5", "#2e7d32"
 _VERSION = re.compile(r"Programming Language :: Python :: (3\.\d+)")
 
@@ -29,7 +31,7 @@ def badges() -> dict[str, str]:
 
 
 def _facts() -> dict[str, _Fact]:
-    about = metadata("diffbot")
+    about = metadata(DISTRIBUTION)
     versions = [found[1] for one in about.get_all("Classifier", []) if (found := _VERSION.fullmatch(one))]
     # rclpy comes from the wheels of one distribution of ROS.
     (distribution,) = {

@@ -9,7 +9,8 @@ import re
 from pathlib import Path
 from typing import Any
 
-PACKAGE = "diffbot"
+from diffbot_core.distribution import DISTRIBUTION
+
 _VARIABLES = ("ROS_DISTRO", "RMW_IMPLEMENTATION", "ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_DOMAIN_ID")
 """The only environment variables recorded: what else is in the environment may be secret."""
 
@@ -18,7 +19,7 @@ def host_facts() -> dict[str, Any]:
     """Return versions and facts of this host as plain values; what cannot be found out is left out."""
     system = platform.uname()
     return {
-        "package": {PACKAGE: _version(PACKAGE)},
+        "package": {"diffbot": _version(DISTRIBUTION)},
         "python": platform.python_version(),
         "dependencies": {name: version for name in _dependencies() if (version := _version(name))},
         "ros": {name: os.environ[name] for name in _VARIABLES if name in os.environ},
@@ -43,7 +44,7 @@ def _version(name: str) -> str:
 
 def _dependencies() -> list[str]:
     try:
-        requirements = importlib.metadata.requires(PACKAGE) or []
+        requirements = importlib.metadata.requires(DISTRIBUTION) or []
     except importlib.metadata.PackageNotFoundError:
         requirements = []
     names = (re.match(r"[A-Za-z0-9._-]+", one) for one in requirements)

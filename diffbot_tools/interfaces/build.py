@@ -97,7 +97,7 @@ def ros_prefix() -> Path:
     for prefix in (*prefixes, Path(sys.prefix)):
         if (prefix / "share" / "rosidl_generator_py").is_dir() and (prefix / "include").is_dir():
             return prefix
-    raise DiffbotError("no ROS with rosidl in this environment: install the extra 'jazzy' of diffbot")
+    raise DiffbotError("no ROS with rosidl in this environment: install the extra 'jazzy' of diffbot-ros")
 
 
 def _compilers() -> tuple[str, str]:
