@@ -125,6 +125,7 @@ $(VENV)/package.stamp: $(VENV)/dependencies.stamp $(SOURCES)
 	@echo "Installing diffbot into $(VENV) ..."
 	@touch $@.begun
 	@rm -rf build/lib *.egg-info
+	@$(PIP) uninstall --yes diffbot # its name before
 	@$(INSTALL) --no-deps --force-reinstall .
 	@rm -rf build/lib build/bdist.* *.egg-info; rmdir build 2>/dev/null || true
 	@mv $@.begun $@

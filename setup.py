@@ -9,6 +9,9 @@ from setuptools import find_packages, setup
 from distutils.command.install_data import install_data  # isort: skip
 
 NAME = "diffbot"
+"""of the ROS package"""
+DISTRIBUTION = "diffbot-ros"
+"""name for pip: the index has another diffbot; see diffbot_core/distribution.py"""
 EXECUTABLES = {
     "controller_node": "diffbot_control.executables:controller_node",
     "ekf_node": "diffbot_control.executables:ekf_node",
@@ -69,7 +72,7 @@ class InstallDataAndShims(install_data):
 
 
 setup(
-    name=NAME,
+    name=DISTRIBUTION,
     version="0.1.0",
     description="Drives a differential-drive robot to a goal pose with a switching law and an EKF",
     long_description=Path(__file__).resolve().with_name("README.md").read_text(encoding="utf-8"),

@@ -47,7 +47,7 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
-        value: Any = import_module("importlib.metadata").version("diffbot")
+        value: Any = import_module("importlib.metadata").version("diffbot-ros")
     elif name in _PLACES:
         module, _, attribute = _PLACES[name].partition(":")
         value = getattr(import_module(module), attribute or name)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diffbot.given import AnyPose, AnyRobot, pose_of, robot_of
+from diffbot_core.distribution import install_hint
 from diffbot_core.errors import DiffbotError
 from diffbot_sim import drive as simulated
 from diffbot_sim.model.simulator import StartPose
@@ -62,7 +63,7 @@ class Recording(simulated.Drive):
         try:
             import pandas  # noqa: PLC0415 - an extra
         except ImportError:
-            raise DiffbotError("to_pandas needs pandas: pip install 'diffbot[pandas]'") from None
+            raise DiffbotError(f"to_pandas needs pandas: {install_hint('pandas')}") from None
         return pandas.DataFrame(self.to_numpy(), columns=list(self.COLUMNS)).set_index("time")
 
     def plot(self, path: str | PathLike[str] | None = None) -> Any:

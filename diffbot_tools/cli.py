@@ -14,12 +14,13 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
-from importlib.metadata import entry_points, version
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from diffbot_bag.parameters import ReplayConfig
 from diffbot_control.law.presets import PRESETS, TUNED
+from diffbot_core.distribution import DISTRIBUTION, entry_points_by_name
 from diffbot_core.errors import DiffbotError
 from diffbot_core.launcher import end_on_signals
 from diffbot_core.schema import build, to_dict
@@ -66,7 +67,7 @@ def main(args: list[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="diffbot", description="Go-to-pose stack for differential-drive robots.")
-    parser.add_argument("--version", action="version", version=f"%(prog)s {version('diffbot')}")
+    parser.add_argument("--version", action="version", version=f"%(prog)s {version(DISTRIBUTION)}")
     commands = parser.add_subparsers(metavar="COMMAND")
     for add in (
         _add_demo,
@@ -98,7 +99,7 @@ def _complete(parser: argparse.ArgumentParser) -> None:
 
 def _further_commands() -> Iterator[Callable[[Any], None]]:
     """Yield the functions that add the commands of other packages; one that cannot be imported is reported."""
-    for one in sorted(entry_points(group=COMMANDS)):
+    for one in entry_points_by_name(COMMANDS).values():
         try:
             yield one.load()
         except Exception as error:  # whatever it is, the other commands work

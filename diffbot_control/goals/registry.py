@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import importlib
 import inspect
-from importlib.metadata import entry_points
 from typing import Any, cast
 
 from diffbot_control.goals.protocol import Law
+from diffbot_core.distribution import entry_points_by_name
 from diffbot_core.errors import InvalidValueError
 
 GROUP = "diffbot.controllers"
@@ -18,7 +18,7 @@ _PARAMETERS = {"new_memory": 1, "step": 5}
 
 def registered_laws() -> dict[str, str]:
     """Return the names of all registered laws and where each is, ``package.module:Class``, sorted by name."""
-    return {one.name: one.value for one in sorted(entry_points(group=GROUP))}
+    return {name: one.value for name, one in entry_points_by_name(GROUP).items()}
 
 
 def resolve_law(text: str) -> Law:

@@ -7,13 +7,13 @@ import re
 from array import array
 from collections.abc import Callable, Mapping
 from difflib import get_close_matches
-from importlib.metadata import entry_points
 from typing import Any, Generic, get_origin
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
+from diffbot_core.distribution import entry_points_by_name
 from diffbot_core.foreign_files import shown
 from diffbot_core.schema import C, Parameter, build, checked, parameters_of, refuse_replaced, to_dict
 
@@ -34,7 +34,7 @@ def overrides_of(node: Node) -> dict[str, Any]:
 
 def names_of_all_nodes() -> set[str]:
     """Return the names of the parameters of all nodes, which the section ``/**`` of a file may hold."""
-    configs = (one.load() for one in entry_points(group=CONFIGS))
+    configs = (one.load() for one in entry_points_by_name(CONFIGS).values())
     return {parameter.name for config in configs for parameter in parameters_of(config)}
 
 

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 from tqdm import tqdm
 
 from diffbot_control.goals.registry import resolve_law
+from diffbot_core.distribution import install_hint
 from diffbot_core.errors import DiffbotError
 from diffbot_lab.campaign.journal_lines import MAX_LINE, check_chunk, parsed, sealed
 from diffbot_lab.campaign.spec import Campaign, code_version
@@ -285,7 +286,7 @@ def cluster_executor(address: str) -> Iterator[tuple[Callable[[], Executor], int
     try:
         from distributed import Client  # noqa: PLC0415 - an extra
     except ImportError:
-        raise DiffbotError("--scheduler needs dask.distributed: pip install 'diffbot[cluster]'") from None
+        raise DiffbotError(f"--scheduler needs dask.distributed: {install_hint('cluster')}") from None
     try:
         client = Client(address, timeout=_CONNECT_TIMEOUT, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:

@@ -22,7 +22,7 @@ REQUIRED = (
     "angular.z.max_acceleration",
 )
 """Parameters of the controller whose defaults are the paper's robot's, or no limit at all."""
-CONTROLLER, PLANT = "controller", "plant"
+CONTROLLER, EKF, PLANT = "controller", "ekf", "plant"
 
 
 def check_data_sheet(file: Path) -> None:
@@ -62,12 +62,13 @@ def check_limits(nodes: Collection[str], ros_arguments: Sequence[str]) -> None:
     reason = "and no plant runs in this process"
     if PLANT in nodes:
         plant = to_dict(PlantNodeConfig()) | _values_given(PLANT, ros_arguments)
-        robot = to_dict(ControllerNodeConfig()) | given
+        # The ekf has wheels, too; a file may have no section for the controller.
+        robot = to_dict(ControllerNodeConfig()) | _values_given(EKF, ros_arguments) | given
         names = [one.name for one in parameters_of(DataSheet) if one.name in plant]
         other = [f"{name} {robot[name]} and {plant[name]}" for name in names if robot[name] != plant[name]]
         if not other:
             return
-        reason = f"and the plant is another robot than the controller's: {', '.join(other)}"
+        reason = f"and the plant is another robot: {', '.join(other)}"
     raise DiffbotError(
         f"{', '.join(files)}: no {', '.join(missing)} for the controller, {reason}. A robot is not driven without its "
         "limits: give them in the section /**, as the file of `diffbot robot new` does"

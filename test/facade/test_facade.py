@@ -18,6 +18,7 @@ from matplotlib import pyplot
 
 import diffbot
 from diffbot_control.law import ControllerMemory, step
+from diffbot_core.distribution import DISTRIBUTION
 from diffbot_core.geometry import Pose
 from diffbot_core.uncertainty import Estimate, Uncertainty
 
@@ -39,7 +40,7 @@ def test_the_import_loads_nothing_and_a_drive_neither_ros_nor_figures_nor_a_comp
 def test_every_name_is_there_and_the_version_is_the_packages():
     for name in diffbot.__all__:
         assert getattr(diffbot, name) is not None
-    assert diffbot.__version__ == version("diffbot")
+    assert diffbot.__version__ == version(DISTRIBUTION)
     with pytest.raises(AttributeError, match="Simulation"):
         _ = diffbot.Simulator
 

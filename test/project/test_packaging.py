@@ -12,12 +12,14 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 from source_files import PACKAGES, ROOT, source_tree
 
+from diffbot_core.distribution import DISTRIBUTION
+
 EXECUTABLES = {
     *("controller_node", "diffbot", "docking_node", "ekf_node", "plant_node", "recorder_node", "replay_node"),
     "robot_node",
 }
 PACKAGE_OF_IMPORT = {"mcap_ros2": "mcap-ros2-support", "ruamel": "ruamel.yaml", "yaml": "PyYAML"}
-INSTALLED = importlib.metadata.distribution("diffbot")
+INSTALLED = importlib.metadata.distribution(DISTRIBUTION)
 DIRECT = [Requirement(line) for line in INSTALLED.requires]
 REQUIREMENTS = {
     extra: {
@@ -29,6 +31,7 @@ REQUIREMENTS = {
     for extra in ("", *INSTALLED.metadata.get_all("Provides-Extra"))
 }
 """Direct dependencies by extra; "" are those that every installation has."""
+TEXTS = {"", ".cff", ".cfg", ".ipynb", ".md", ".py", ".toml", ".txt", ".xml", ".yaml", ".yml"}
 KEY_OF_ROSDEP = {"python3-yaml": "pyyaml"}
 SOURCES = [path for package in PACKAGES for path in sorted(ROOT.glob(f"{package}/**/*.py"))]
 MANIFEST = ET.parse(ROOT / "package.xml").getroot()
@@ -89,6 +92,39 @@ def test_manifest_and_setup_name_the_same_python_packages():
     (expression,) = re.findall(r"grep -E '(.*?)' ", (ROOT / "Dockerfile").read_text())
     pinned = [line for line in (ROOT / "constraints.txt").read_text().splitlines() if re.search(expression, line)]
     assert {canonicalize_name(Requirement(line).name) for line in pinned} == from_pip
+
+
+def test_the_name_for_pip_is_the_project_s_own_and_that_for_ros_is_diffbot():
+    assert INSTALLED.metadata["Name"] == DISTRIBUTION == "diffbot-ros"
+    assert MANIFEST.findtext("name") == "diffbot"
+    assert not any(importlib.metadata.distributions(name="diffbot")), "a stranger's, or that of an earlier version"
+
+
+def packages_to_install(text):
+    """Yield the names of all packages that the commands ``pip install`` in a text install."""
+    for command in re.findall(r"\bpip3? install\s+(?=(.+))", text):
+        for word in command.split():
+            name = re.match(r"""['"]?([A-Za-z0-9][A-Za-z0-9._-]*)""", word)
+            if name and not name[1].endswith((".txt", ".whl")):
+                yield canonicalize_name(name[1])
+            # A comment, the next command, or the end of a quotation.
+            if word[0] in "#&|;(" or re.search(r"[`;|)]|\\n", word):
+                break
+
+
+def test_no_text_tells_to_install_a_package_of_a_stranger():
+    """Neither an error message nor a page; CHANGELOG.md says what was."""
+    known = {DISTRIBUTION, *(name for names in REQUIREMENTS.values() for name in names)}
+    found = {}
+    for path in source_tree():
+        if path.suffix in TEXTS and path != ROOT / "CHANGELOG.md":
+            text = path.read_text(encoding="utf-8")
+            for name in packages_to_install(text):
+                found.setdefault(name, set()).add(str(path.relative_to(ROOT)))
+            if re.search(r"(?<![\w-])diffbot\[[a-z]+[],]", text):
+                found.setdefault("diffbot", set()).add(str(path.relative_to(ROOT)))
+    assert {DISTRIBUTION, "filterpy", "numba"} <= set(found)
+    assert {name: paths for name, paths in found.items() if name not in known} == {}
 
 
 def test_no_machine_paths_and_no_registry_hosts():

@@ -7,6 +7,7 @@ import tempfile
 from pathlib import Path
 
 import diffbot_core
+from diffbot_core.distribution import DISTRIBUTION
 
 SITE = Path(diffbot_core.__file__).parents[1]
 AUDIT = """
@@ -30,7 +31,7 @@ def files_read_by(program):
     command = [sys.executable, "-c", AUDIT + program]
     # Not in the source tree, which would be found before the installed package.
     result = subprocess.run(command, cwd=tempfile.gettempdir(), check=True, capture_output=True, text=True)
-    owned = {str(path) for path in importlib.metadata.files("diffbot") or ()}
+    owned = {str(path) for path in importlib.metadata.files(DISTRIBUTION) or ()}
     paths = (Path(line.removeprefix("read ")) for line in result.stdout.splitlines() if line.startswith("read "))
     inside = {path.relative_to(SITE) for path in paths if path.is_relative_to(SITE)}
     return sorted(path for path in inside if str(path) in owned and not path.parts[0].endswith(".dist-info"))

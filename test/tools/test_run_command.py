@@ -72,11 +72,11 @@ def test_a_plant_that_is_the_same_robot_is_driven(file):
 
 def test_a_plant_that_is_another_robot_is_not_driven_without_limits(file):
     """What a calibration used to write: of the controller no limit, of the plant nothing."""
-    with pytest.raises(
-        DiffbotError, match=r"the plant is another robot than the controller's: command_latency 0.2 and 0"
-    ):
+    with pytest.raises(DiffbotError, match=r"the plant is another robot: command_latency 0.2 and 0"):
         check_limits(WITH_PLANT, file(controller={"command_latency": 0.2}))
-    with pytest.raises(DiffbotError, match=r"another robot .*linear\.x\.max_acceleration inf and 0\.5"):
+    with pytest.raises(DiffbotError, match=r"another robot: wheel_radius 0.1 and 0.05"):
+        check_limits(WITH_PLANT, file(ekf={"wheel_radius": 0.1}))
+    with pytest.raises(DiffbotError, match=r"another robot: .*linear\.x\.max_acceleration inf and 0\.5"):
         check_limits(WITH_PLANT, file(plant=LIMITS))
     check_limits(WITH_PLANT, file(controller={"command_latency": 0.2, **LIMITS}))
 
