@@ -1,6 +1,7 @@
 """Hostile and damaged bags: every command that reads a bag ends in bounded time and memory, and changes nothing."""
 
 import gc
+import itertools
 import random
 import shutil
 
@@ -70,8 +71,10 @@ def test_mutated_bags(given, trials, tmp_path):
 @pytest.mark.parametrize("full", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_crafted_bags(full, given, tmp_path):
     (tmp_path / "crafted").mkdir()
-    for bag in hostile_bags.crafted(tmp_path / "crafted", full=full):
-        assert complaints([bag], given, tmp_path / "work") == []
+    bags = iter(hostile_bags.crafted(tmp_path / "crafted", full=full))
+    # Those that unpack to much are read one by one, each in the whole of the memory.
+    while some := list(itertools.islice(bags, 1 if full else TOGETHER)):
+        assert complaints(some, given, tmp_path / "work") == []
 
 
 def test_a_bag_that_is_being_recorded(given, tmp_path):

@@ -75,7 +75,7 @@ def workspace(unpacked, tmp_path_factory):
     """Return what colcon builds of the sdist."""
     # In a folder of its own: its plug-ins must not enter the environment.
     folder, root = (tmp_path_factory.mktemp(name) for name in ("colcon", "workspace"))
-    run(*PIP, "install", *PINNED, "--no-build-isolation", "--target", folder, *COLCON)
+    run(*PIP, "install", *PINNED, "--no-build-isolation", "--no-compile", "--target", folder, *COLCON)
     command = [sys.executable, folder / "bin" / "colcon", "build", "--base-paths", unpacked]
     run(*command, cwd=root, PYTHONPATH=str(folder), AMENT_PREFIX_PATH=sys.prefix)
     prefix = root / "install" / "diffbot"
