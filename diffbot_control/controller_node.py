@@ -56,7 +56,7 @@ _HAS_POWER = {
     BatteryState.POWER_SUPPLY_STATUS_DISCHARGING: False,
     BatteryState.POWER_SUPPLY_STATUS_NOT_CHARGING: False,
 }
-"""States of a battery from which it follows if a charger supplies the robot."""
+"""States of a battery that report if a charger supplies the robot"""
 _MIN_WATCH_PERIOD = 1e-3
 """[s] a timer with a period of 0 would use a whole processor."""
 

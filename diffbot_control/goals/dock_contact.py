@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 class DockContact:
-    """What each source reported last; the robot touches its dock if one of them says so.
+    """Keep the last report of each source; the robot touches its dock if one of them reports it.
 
     A closed switch is contact whatever the battery reports: a docked robot may be full, or its charger may pause.
     """
@@ -23,6 +23,6 @@ class DockContact:
         self._switch_is_closed = is_closed
 
     def on_charger(self, has_power: bool | None) -> None:
-        """Remember if the dock supplies the robot; None, the battery does not know, keeps what it reported before."""
+        """Remember if the dock supplies the robot; None (unknown) keeps the last report of the battery."""
         if has_power is not None:
             self._has_power = has_power

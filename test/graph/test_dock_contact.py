@@ -48,7 +48,7 @@ def report(docking, source):
         ((CLOSED, DISCHARGING, OPEN), False),
     ],
 )
-def test_the_law_is_told_of_contact_by_either_source(docking, sources, touches):
+def test_either_source_reports_contact_to_the_law(docking, sources, touches):
     for source in sources:
         report(docking, source)
     assert docking.node.supervisor.memory.contact is touches
