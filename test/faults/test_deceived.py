@@ -4,6 +4,7 @@ import math
 import time
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
 from filter_input import fix, odometry
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from graph import PATIENCE
@@ -110,13 +111,13 @@ class Base:
         return stood[0] - since
 
     def diagnosed(self, text):
-        """Wait until /diagnostics names the cause at ERROR."""
-        found = self.running.diagnostics
-        found.clear()
-        self.until(
-            lambda: [one for array in found for one in array.status if one.level == b"\x02" and text in one.message],
-            text,
-        )
+        """Wait until /diagnostics has named the cause at ERROR since the reports were cleared."""
+
+        def named():
+            reports = (one for array in self.running.diagnostics for one in array.status)
+            return any(one.level == DiagnosticStatus.ERROR and text in one.message for one in reports)
+
+        self.until(named, text)
 
 
 @pytest.fixture(scope="module")
@@ -130,6 +131,7 @@ def base():
 def test_odometry_or_fixes_that_lie_stop_the_robot(base, trials, seeded, fault):
     for _ in trials:
         base.drive(seeded, LIES.get(fault))
+        base.running.diagnostics.clear()
         if fault == "odometry frozen":
             # The stamp of the last message: a newer one would be one more that is new.
             base.frozen = base.fed

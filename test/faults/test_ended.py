@@ -1,6 +1,5 @@
 """SIGINT and SIGTERM at any time, kill -9 of the process of filter and controller, and a disk that is full."""
 
-import contextlib
 import os
 import resource
 import signal
@@ -12,7 +11,7 @@ from functools import partial
 import graph
 import pytest
 from bag_makers import read, unfinished
-from repeated import tried
+from repeated import TIMEOUT, tried
 from witness import LOST_COMMANDS, NEAR
 
 RECORDER = "diffbot_bag.recorder_node"
@@ -20,6 +19,9 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 STOP = (0.0, 0.0)
 END, ZERO = 2.0, 0.2
 """[s] within which a node ends, and within which a driving controller has sent zero"""
+EACH_NODE = pytest.mark.parametrize(
+    ("robot", "name"), [("apart", "controller"), ("apart", "ekf"), ("apart", "plant"), ("together", "robot")]
+)
 BUSY = f"for _ in 1 2 3 4; do {sys.executable} -c 'while True: pass' & done; wait"
 FILE_LIMIT = 40_000
 """bytes; what the system answers beyond is the same error as on a full disk"""
@@ -69,38 +71,44 @@ def check_zero(witness):
     assert witness.commands[-1][1] == STOP, witness.commands[-5:]
 
 
-@contextlib.contextmanager
-def busy_loops():
-    """Keep four processes busy; they share one session, as programs that a shell starts do."""
-    loops = subprocess.Popen(["bash", "-c", BUSY], start_new_session=True)
-    try:
-        yield
-    finally:
-        os.killpg(loops.pid, signal.SIGKILL)
-        loops.wait()
+def signal_driving(witness, name, number, seeded):
+    """Send a signal to a node of a driving robot; return its process and the time before."""
+    witness.drive()
+    witness.wait(seeded)
+    process = witness.robot.processes[name]
+    return process, witness.kill(name, SIGNALS[number % 2])
 
 
 @tried(20)
-@pytest.mark.parametrize("busy", [False, pytest.param(True, marks=pytest.mark.slow)])
-@pytest.mark.parametrize(
-    ("robot", "name"), [("apart", "controller"), ("apart", "ekf"), ("apart", "plant"), ("together", "robot")]
-)
-def test_signals_end_a_node_of_a_driving_robot_and_stop_it(robot, name, busy, request, trials, seeded):
-    """Beside busy loops the signals come twice, as from `ros2 launch`, and only the end itself is promised."""
+@EACH_NODE
+def test_signals_end_a_node_of_a_driving_robot_and_stop_it(robot, name, request, trials, seeded):
     witness = request.getfixturevalue(robot)
-    with busy_loops() if busy else contextlib.nullcontext():
-        for number in trials:
-            witness.drive()
-            witness.wait(seeded)
-            process = witness.robot.processes[name]
-            since = witness.kill(name, SIGNALS[number % 2])
-            if busy:
-                process.send(SIGNALS[(number + 1) % 2])
-            elif name == "controller":
-                assert witness.stop_after(since) <= trials.bound(ZERO, witness.delay())
-            check_end(process, since, None if busy else trials)
+    for number in trials:
+        process, since = signal_driving(witness, name, number, seeded)
+        if name == "controller":
+            assert witness.stop_after(since) <= trials.bound(ZERO, witness.delay())
+        check_end(process, since, trials)
+        check_zero(witness)
+        restart(witness, name)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(TIMEOUT)
+@EACH_NODE
+def test_two_signals_on_a_busy_machine_end_a_node_with_zero_as_the_last_command(robot, name, request, seeded):
+    """Two signals come as from `ros2 launch`. The four loops share a session, as programs that a shell starts do."""
+    witness = request.getfixturevalue(robot)
+    loops = subprocess.Popen(["bash", "-c", BUSY], start_new_session=True)
+    try:
+        for number in range(50):
+            process, since = signal_driving(witness, name, number, seeded)
+            process.send(SIGNALS[(number + 1) % 2])
+            check_end(process, since)
             check_zero(witness)
             restart(witness, name)
+    finally:
+        os.killpg(loops.pid, signal.SIGKILL)
+        loops.wait()
 
 
 @tried(10)
