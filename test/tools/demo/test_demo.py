@@ -15,7 +15,7 @@ from robot import planar, stamp
 
 from diffbot_tools import cli
 from diffbot_tools.demo.command import _make_room_for_bag
-from diffbot_tools.demo.processes import NodeProcesses, localhost_discovery
+from diffbot_tools.demo.processes import NodeProcesses
 
 pytestmark = pytest.mark.graph
 
@@ -154,11 +154,6 @@ def test_nodes_of_a_private_graph_have_no_shared_memory(tmp_path):
         graph.wait_for(lambda: "]: ready" in (tmp_path / "recorder.log").read_text(), what="the recorder")
         assert nodes.failed() == ""
         assert "/dev/shm/fastrtps" not in Path(f"/proc/{process.pid}/maps").read_text()
-
-
-def test_other_middleware_than_fast_dds_stays_on_this_machine_by_the_variable_of_ros(monkeypatch):
-    monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp")
-    assert localhost_discovery() == {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
 
 
 STARTER = """
