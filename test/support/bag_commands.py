@@ -3,7 +3,6 @@
 import argparse
 import contextlib
 import functools
-import hashlib
 import io
 import json
 import os
@@ -64,16 +63,10 @@ def _parser():
 
 
 def state_of(path):
-    """Return what a bag is: each file with a digest of its content."""
+    """Return what a bag is: each file with its size and the time of its last change."""
     files = [path, *sorted(path.rglob("*"))] if path.is_dir() and not path.is_symlink() else [path]
-    return [(str(one), _digest(one)) for one in files if os.path.lexists(one)]
-
-
-def _digest(path):
-    if _is_plain(path):
-        return hashlib.sha256(path.read_bytes()).digest()
-    found = path.lstat()
-    return found.st_mode, found.st_ino
+    found = [(one, one.lstat()) for one in files if os.path.lexists(one)]
+    return [(str(one), status.st_mode, status.st_ino, status.st_size, status.st_mtime_ns) for one, status in found]
 
 
 def _is_plain(path):

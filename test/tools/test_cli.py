@@ -1,4 +1,4 @@
-"""The command diffbot: usage, help, completion, exit statuses, one-line errors."""
+"""The command diffbot: usage, completion, exit statuses, one-line errors."""
 
 import os
 import shlex

@@ -25,11 +25,6 @@ def file(tmp_path):
     return write
 
 
-def test_without_a_parameter_file_it_is_the_robot_of_the_paper():
-    for nodes in (ROBOT, WITH_PLANT):
-        check_limits(nodes, ["-p", "seed:=3"])
-
-
 def test_limits_count_wherever_they_are_given(file):
     check_limits(ROBOT, file(all=LIMITS))
     check_limits(ROBOT, [*file(all=LIMITS), *file("calibrated.yaml", controller={"command_latency": 0.2})])
@@ -78,7 +73,7 @@ def test_sections_and_arguments_of_another_name_do_not_count(file):
     words = file(all=LIMITS)
     check_limits(ROBOT, [*words, "-r", "__ns:=/robot1"])
     with pytest.raises(DiffbotError, match="no linear"):
-        check_limits(ROBOT, [*file(controller={}), "-r", "controller:__node:=pilot"])
+        check_limits(ROBOT, [*file(controller=LIMITS), "-r", "controller:__node:=pilot"])
     singles = [word for name in REQUIRED for word in ("-p", f"ekf:{name}:=1.0")]
     with pytest.raises(DiffbotError, match="no linear"):
         check_limits(ROBOT, [*file("ekf.yaml", ekf={"gate_probability": 0.99}), *singles])

@@ -13,7 +13,6 @@ from bag_makers import write_folder, write_mcap
 from mcap.records import Chunk
 
 from diffbot_bag.bag.reader import BagReader
-from diffbot_bag.mcap.chunks import BagLimits
 from diffbot_bag.ros.conversions import message_class
 from diffbot_core.bounded_yaml import load_yaml
 from diffbot_core.errors import DiffbotError
@@ -93,13 +92,6 @@ def test_wrong_values_in_metadata(tmp_path, changes, words):
     (folder / "link").symlink_to("/dev/null")
     os.mkfifo(folder / "pipe")
     assert words in error_of(folder)
-
-
-def test_chunks_that_are_held_together_are_bounded(mcap):
-    path = mcap([(5, os.urandom(MB)) for _ in range(4)], chunk_size=1000)
-    assert "chunks that overlap in time unpack to 4194" in error_of(path, limits=BagLimits(max_unpacked_size=4 * MB))
-    path = mcap([(time, os.urandom(MB)) for time in range(1, 5)], chunk_size=1000)
-    assert len(read_all(path, limits=BagLimits(max_unpacked_size=2 * MB))) == 4
 
 
 UNDERSTATED = """

@@ -15,7 +15,6 @@ from diffbot_bag.bag.writer import BagWriter, is_unfinished
 from diffbot_bag.mcap.attachments import HIDDEN, PARAMETERS, dump_parameters
 from diffbot_bag.record.bag_files import FileLimits
 from diffbot_bag.record.disk import Disk, DiskThread
-from diffbot_core.errors import DiffbotError
 
 LATCHED = Qos(durability="transient_local")
 SECOND = 10**9
@@ -133,18 +132,6 @@ def test_the_oldest_files_are_deleted(tmp_path):
     with AnyReader([folder]) as reader:
         assert reader.message_count == 5
     assert metadata.read(folder).message_count == 5
-
-
-@pytest.mark.parametrize(("content", "words"), [(b"{", "is not"), (b'{"/a": {}}', "damaged")])
-def test_attachments_that_cannot_be_read_are_one_line(tmp_path, content, words):
-    bag = Written(tmp_path / "run")
-    bag.writer.attach(PARAMETERS, "application/json", content)
-    path = bag.close() / "run_0.mcap"
-    if words == "damaged":
-        path.write_bytes(path.read_bytes().replace(content, content[:-1] + b" "))
-    with BagReader(path) as reader, pytest.raises(DiffbotError, match=words) as error:
-        reader.node_parameters()
-    assert "\n" not in str(error.value)
 
 
 def test_parameters_are_read_as_they_were_written(tmp_path):

@@ -59,19 +59,6 @@ def test_rosbags_reads_every_value(bag):
         assert read == [(BEGIN + index * 10_000_000, float(index)) for index in range(10)]
 
 
-def test_records_of_the_file_are_those_of_rosbag2(bag):
-    with (bag / "run_0.mcap").open("rb") as stream:
-        reader = make_reader(stream, validate_crcs=True)
-        assert reader.get_header().profile == "ros2"
-        messages = [message for *_, message in reader.iter_messages(["/cmd_vel"])]
-        *_, last = reader.iter_metadata()
-    assert [(one.publish_time - BEGIN, one.sequence) for one in messages] == [
-        (index * 10_000_000 - 1000, index + 1) for index in range(10)
-    ]
-    inner = yaml.safe_load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
-    assert (last.name, yaml.safe_load(last.metadata["serialized_metadata"])) == ("rosbag2", inner)
-
-
 def test_every_field_of_metadata_yaml(bag):
     none = {"sec": 9223372036, "nsec": 854775807}
     profile = {

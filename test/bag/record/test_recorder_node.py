@@ -122,25 +122,6 @@ def test_log_times_are_simulated_and_what_comes_before_the_first_has_it(nodes, p
     assert [one.log_time // 10**9 for one in messages] == [500] * 4 + [900] * 5
 
 
-def test_a_publisher_of_a_second_type_is_reported_and_the_first_ones_messages_are_recorded(
-    nodes, peer, tmp_path, capfd
-):
-    first = peer.publisher(Twist, "shared", RELIABLE)
-    recorder = Recorder(nodes, tmp_path / "run", topics=["/shared"])
-    recorder.wait_for(first)
-    sent = publish(first, twists(3))
-    with graph.peer("intruder") as other:
-        second = other.publisher(String, "shared", DEEP)
-        publish(second, [String(data="not recorded")] * 4)
-        recorder.wait("incomplete", "/shared")
-        assert recorder.reports[-1].level == DiagnosticStatus.WARN
-    recorder.close()
-    # Once more at most, if its node was discovered later than its publisher.
-    assert capfd.readouterr().err.count(" is not recorded: its type is std_msgs/msg/String") in (1, 2)
-    assert recorded(tmp_path / "run", "/shared") == sent
-    assert custom_data(tmp_path / "run") == {"lost_messages": "0"}
-
-
 def test_a_weaker_publisher_that_joins_is_recorded_without_loss_or_repetition(nodes, peer, tmp_path, monkeypatch):
     first = peer.publisher(Twist, "shared", DEEP)
     recorder = Recorder(nodes, tmp_path / "run", topics=["/shared"])

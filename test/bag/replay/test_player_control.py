@@ -1,4 +1,4 @@
-"""Seek, rate, burst, loops, the fastest replay and reading ahead: a clock of the test, times worked out by hand."""
+"""Seek, rate, loops and the fastest replay: a clock of the test, times worked out by hand."""
 
 import heapq
 import itertools
@@ -138,19 +138,6 @@ def test_the_rate_changes_from_now_on():
         expected = ms if ms <= 100 else 100 + (ms - 100) / 4 if ms <= 200 else 125 + (ms - 200) * 2
         assert when == pytest.approx(expected * MS, abs=2), ms
     assert run.player.progress().rate == 0.5
-
-
-def test_a_burst_comes_at_once_and_resuming_withdraws_what_is_left_of_it():
-    run = plain(start_paused=True)
-    run.time.at(10 * MS, lambda: run.player.request_steps(50))
-    run.after(20, run.player.resume)
-    run.time.at(60 * MS, lambda: run.player.set_rate(2.0))
-    run.play()
-    times = [when for when, _ in run.sent]
-    assert times[:20] == [10 * MS] * 20
-    assert times[20:70] == [(10 + index) * MS for index in range(1, 51)]
-    assert times[70:] == [60 * MS + index * MS // 2 for index in range(1, 231)]
-    assert not run.player.request_steps(1)
 
 
 def test_a_loop_begins_again_after_the_delay_and_its_clock_jumps_back():

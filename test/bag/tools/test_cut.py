@@ -5,15 +5,13 @@ from contextlib import ExitStack
 import cut_bags
 import pytest
 from bag_makers import BEGIN, LATCHED, POINT, STRING, point
-from cut_bags import MAKERS, STEP, Given, facts, files_of, write_new
-from damaged_bags import messages_of
+from cut_bags import MAKERS, STEP, Given, facts, write_new
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
 from diffbot_bag.bag.metadata import read as read_metadata
 from diffbot_bag.bag.qos import Qos
-from diffbot_bag.bag.topic_selection import TopicSelection
 from diffbot_bag.bag.writer import BagWriter
 from diffbot_bag.tools import cut
 from diffbot_bag.tools.source_bag import SourceBag
@@ -65,47 +63,6 @@ def test_a_latched_topic_keeps_one_message_of_each_publisher_unless_its_lifespan
     path = cut_bags.write_file(tmp_path / "a.mcap", messages, POINT, offers, chunk_size=300)
     found = make(tmp_path / "part", lambda one: cut.trim(one, Span(BEGIN + 100, BEGIN + 200)), path)
     assert [(one.topic, one.data) for one in found] == [("/two", point(48)), ("/two", point(49))]
-
-
-def test_trim_reads_only_what_it_needs(zstd_bag, tmp_path):
-    """Every chunk may be damaged that has neither the span nor the latched message of before it."""
-    with zstd_bag.open("rb") as stream:
-        chunks = make_reader(stream).get_summary().chunk_indexes
-    content, latched = bytearray(zstd_bag.read_bytes()), BEGIN + 55 * STEP + 5
-    span = Span(BEGIN + 75 * STEP, BEGIN + 100 * STEP)
-    damaged = [
-        one
-        for one in chunks
-        if not one.message_start_time <= latched <= one.message_end_time
-        and (one.message_start_time >= span.end or one.message_end_time < span.start)
-    ]
-    assert len(damaged) > 2 * len(chunks) / 3
-    for one in damaged:
-        content[one.chunk_start_offset + 60] ^= 255
-    path = tmp_path / "damaged.mcap"
-    path.write_bytes(content)
-    found = make(tmp_path / "part", lambda one: cut.trim(one, span), path)
-    assert len(found) == 51
-    with pytest.raises(DiffbotError, match="`diffbot bag repair` saves what is intact"):
-        make(tmp_path / "more", lambda one: cut.trim(one, Span(BEGIN + 1, span.end)), path)
-
-
-FILTERS = [
-    (TopicSelection(topics=("/point", "/map")), (), {"/point", "/map"}),
-    (TopicSelection(regex="/.*t", exclude_regex="/te.*"), (), {"/point"}),
-    (TopicSelection(exclude_topics=("/text",)), (STRING,), {"/map"}),
-]
-
-
-def test_filter_keeps_topics_and_types(bag, tmp_path):
-    given = facts(bag)
-    for number, (selection, types, topics) in enumerate(FILTERS):
-        out = tmp_path / str(number)
-        found = make(out, lambda one, chosen=(selection, types): cut.select(one, *chosen), bag)
-        assert found == [one for one in given if one.topic in topics]
-        assert {topic.name for topic in read_metadata(out).topics} == topics
-        # No trace of the others, for a reader that does not use the index either.
-        assert {topic for file in files_of(out) for topic, *_ in messages_of(file.read_bytes())} == topics
 
 
 def test_merge_unites_qos_numbers_and_facts(tmp_path):

@@ -86,13 +86,6 @@ def test_all_follow_the_clock_of_the_plant_that_publishes_it(clock, reliable, id
         }  # fmt: skip
 
 
-def test_namespace_log_level_and_tf_are_those_of_every_node():
-    for node in simulation(namespace="r1", log_level="warn", rviz="true", description="true"):
-        assert (node.namespace, node.ros_arguments) == ("r1", ("--log-level", "warn"))
-        assert node.remappings == (("/tf", "tf"), ("/tf_static", "tf_static"))
-    assert {node.remappings for node in simulation(frame_prefix="r1/", rviz="true")} == {()}, "they share tf"
-
-
 def test_the_parameter_file_is_the_packages_or_the_users(tmp_path):
     assert {node.files for node in robot()} == {(str(ROOT / "config" / "diffbot.yaml"),)}
     mine = tmp_path / "mine.yaml"

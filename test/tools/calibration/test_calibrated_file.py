@@ -123,15 +123,3 @@ def test_all_other_values_and_comments_stay(tmp_path, name):
     for comment in [line.partition("#")[2].strip() for line in text.splitlines() if "#" in line]:
         assert f"# {comment}" in after
     read_config(path)
-
-
-def test_a_second_calibration_replaces_the_notes_of_the_first(tmp_path):
-    path = tmp_path / "calibrated.yaml"
-    first = written(path, file_of_robot(PRESETS["turtlebot4"]))
-    again = FOUND._replace(parameters={"odometry_delay": 0.3}, rows=[])
-    removed, added = changed_lines(first, written(path, first, again, None, HEAD.replace("drive", "drive2")))
-    assert [line.split(" ")[0] for line in removed] == ["#", "odometry_delay:"]
-    assert [" ".join(line.split()) for line in added] == [
-        "# Calibrated from drive2 by diffbot calibrate.",
-        "odometry_delay: 0.3 # calibrated, 0.21 before",
-    ]

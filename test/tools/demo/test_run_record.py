@@ -74,19 +74,6 @@ def test_a_goal_begins_by_its_stamp_if_that_is_of_this_run(read):
     assert [time for time, _ in record.goals] == pytest.approx([3.0, 6.0])
 
 
-def test_another_robots_topics_are_not_taken(read):
-    record = read(
-        odometry("/ground_truth", 0.0, 9.0, 9.0, 0.0),
-        odometry("/r2/ground_truth", 1.0, 1.0, 2.0, 0.0),
-        estimate("/r2/pose", 2.0, 1.5, 2.0, 0.0),
-        namespace="/r2",
-    )
-    np.testing.assert_allclose(record.truth, [[0.0, 1.0, 2.0, 0.0]])
-    np.testing.assert_allclose(record.estimate, [[1.0, 1.5, 2.0, 0.0]])
-    assert record.odometry.shape == record.fixes.shape == (0, 4)
-    assert (record.messages, record.lost, record.goals) == (3, 0, [])
-
-
 def line(goals, estimate=NOTHING):
     """Return a record of a robot that drives along x with 1 m/s for 10 s."""
     time = np.arange(0.0, 10.5, 0.5)

@@ -20,7 +20,6 @@ from diffbot_core.errors import BadMessageError, DiffbotError
 from diffbot_tools import cli
 from diffbot_tools.refilter.command import run
 from diffbot_tools.refilter.parameters import read_config
-from diffbot_tools.robot.description import RobotDescription, file_of_robot
 
 HANDLERS = {
     "/initialpose": EkfNode._on_initialpose,
@@ -131,14 +130,6 @@ def test_parameters_of_a_file_are_used(bag, refiltered, tmp_path):
     one, other = (read(path)["/pose"][300].pose.covariance[0] for path in (refiltered, tmp_path / "out"))
     assert other < one
     assert (tmp_path / "out" / "ekf.yaml").read_text() == params.read_text()
-
-
-def test_a_file_of_a_whole_robot_is_read(tmp_path):
-    """Its section for all nodes has parameters of others."""
-    path = tmp_path / "robot.yaml"
-    path.write_text(file_of_robot(RobotDescription(wheel_separation=0.4, gyro=True)))
-    config, _ = read_config(path)
-    assert (config.wheels.wheel_separation, config.localization.filter.use_gyro) == (0.4, True)
 
 
 def test_a_parameter_file_of_another_node_is_refused(tmp_path):

@@ -1,7 +1,6 @@
 """The report in a real browser: it renders, needs nothing else, moves with the slider, and runs no script of a bag."""
 
 import itertools
-import json
 import math
 import re
 
@@ -9,7 +8,6 @@ import browser
 import pytest
 import view_bags
 
-from diffbot_tools.view.page_file import page_text
 from diffbot_tools.view.report_command import write_report
 
 pytestmark = pytest.mark.graph
@@ -158,26 +156,6 @@ def test_the_result_comes_first_and_nothing_is_cropped_or_overlaps(new_page, rep
         assert above["y"] + above["height"] <= below["y"] + 1
     assert other.errors == []
     other.tab.close()
-
-
-STATES = [
-    ({"text": "driving", "left": 3.2}, 0.4, "driving: 1.50 m and 14 deg to go, 3 s"),
-    ({"text": "goal reached", "isHeld": True}, 0.5, "moving after the goal was reached: 1.50 m and 14 deg to go"),
-    ({"text": "stale pose", "filter": "odometry stands still"}, 0.0, "stopped: odometry stands still"),
-    ({"text": "goal not reached", "reason": "no progress"}, 0.0, "gave up: no progress"),
-]
-
-
-def test_states_in_words(new_page):
-    # Modules without a page.
-    pure = page_text("geometry.js") + page_text("words.js")
-    source = re.sub(r"^import .*|^export ", "", pure, flags=re.M)
-    to_go = {"distance": 1.5, "heading": -0.25, "lateral": 0.98}
-    blank = new_page().tab
-    for status, speed, words in STATES:
-        arguments = ", ".join(map(json.dumps, (status, to_go, {"v": speed, "omega": 0.0}, status.get("left"), 0.1)))
-        assert blank.evaluate(f"() => {{ {source} return inWords({arguments})[1]; }}") == words
-    blank.close()
 
 
 def test_runs_are_laid_over_each_other(circle, new_page, tmp_path):

@@ -158,19 +158,6 @@ def test_files_beside_the_report(circle, run_of_circle, tmp_path):
     assert table["law.rho"][250] == pytest.approx(1.5)
 
 
-def test_stamps_that_jump_are_an_event(tmp_path):
-    def messages(jump):
-        for step in range(50):
-            time = BEGIN + step * 10**8
-            yield "/odom", time, view_bags.odometry(time + (step >= 30) * jump, 0.1 * step, 0.0, 0.0)
-
-    for seconds, words in ((-30, ["stamps of odometry jumped by -30.0 s"]), (0, [])):
-        folder = tmp_path / str(seconds)
-        folder.mkdir()
-        events = only_robot(bag(folder, messages(seconds * 10**9))).events
-        assert [event.text for event in events] == words
-
-
 def test_nothing_in_the_data_can_end_its_element():
     text = embedded_json({"a": view_bags.HOSTILE, "b": "<!--"})
     assert "<" not in text

@@ -1,4 +1,4 @@
-"""Thinning keeps every peak; packing fits any number, see test_page.py for what the page unpacks."""
+"""Thinning keeps every peak."""
 
 import numpy as np
 from hypothesis import given
