@@ -1,19 +1,8 @@
 """Fixtures of the tests of bags."""
 
-import os
-import pty
 import sys
 
 import pytest
-
-
-@pytest.fixture
-def terminal():
-    """Return both ends of a pseudo-terminal: ours and theirs."""
-    ours, theirs = pty.openpty()
-    yield ours, theirs
-    os.close(ours)
-    os.close(theirs)
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ from diffbot_bag.bag.writer import BagWriter
 NAMES = sorted(bag_commands.bag_commands() - set(bag_commands.GRAPH))
 TOGETHER = 10
 """mutated bags read in one forked process: to fork takes as long as three commands"""
-REPLAYED = ("other_type_rosout", "topic_0", "indexed", "extreme_7")
+REPLAYED = ("other_type_rosout", "topic_0", "extreme_3")
 
 
 @pytest.fixture(scope="module")
@@ -96,8 +96,7 @@ def test_replayed_bags(trials, tmp_path):
     folder.mkdir()
     made = {bag.stem: bag for make in (hostile_bags.evil_names, hostile_bags.extreme_values) for bag in make(folder)}
     originals = hostile_bags.seeds(tmp_path)
-    chosen = [made[name] for name in REPLAYED if name in made]
+    chosen = [made[name] for name in REPLAYED]
     for number in trials:
         bag = chosen[number] if number < len(chosen) else mutated(tmp_path / "mutated.mcap", number, originals)
-        complaint, _ = bag_commands.replayed(bag)
-        assert not complaint
+        assert not bag_commands.replayed(bag)

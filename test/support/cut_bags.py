@@ -1,15 +1,12 @@
 """Bags of several makers, and what two independent readers find in a bag."""
 
 import random
-import struct
 from collections import Counter
 from typing import NamedTuple
 
 import yaml
 from bag_makers import BEGIN, LATCHED, POINT, STRING, point, read, string, write_mcap, write_rosbags
 from mcap.reader import make_reader
-from mcap.stream_reader import StreamReader, get_chunk_data_stream
-from mcap.writer import IndexType
 
 from diffbot_bag.bag.qos import Qos
 
@@ -54,13 +51,10 @@ def drive(count=200, padding=100):
 KINDS = {"/point": POINT, "/text": STRING, "/map": STRING}
 OFFERS = {"/point": [Qos()], "/text": [], "/map": [LATCHED]}
 MCAP_OPTIONS = {
-    **{name: {"compression": name} for name in ("zstd", "lz4", "none")},
+    **{name: {"compression": name} for name in ("zstd", "lz4")},
     "no chunks": {"use_chunking": False},
-    "no message index": {"index_types": IndexType.CHUNK | IndexType.METADATA},
 }
-MESSAGE = struct.Struct("<BQHIQ")
-"""Opcode, length, channel, sequence number and log time."""
-MAKERS = ("lz4", "no chunks", "no message index", "rosbags")
+MAKERS = ("lz4", "no chunks", "rosbags")
 
 
 def write_file(path, rows, kinds=KINDS, offers=OFFERS, chunk_size=4000, **options):
@@ -122,7 +116,6 @@ def check_metadata(folder):
         for number, count in statistics.channel_message_counts.items():
             found[summary.channels[number].topic] += count
         assert found == Counter(one.topic for one in own)
-        assert indexed(file, summary.chunk_indexes) == sorted(one.log_time for one in own)
     return everything
 
 
@@ -135,21 +128,3 @@ def write_new(new, out):
     by_rosbags = [(topic, *row) for topic, rows in read(out, raw=True).items() for row in rows]
     assert sorted(by_rosbags) == sorted((one.topic, one.log_time, one.data) for one in found)
     return found
-
-
-def indexed(file, chunks):
-    """Log times of the messages that the message indexes lead to; mcap's reader does without these indexes."""
-    times = []
-    with file.open("rb") as stream:
-        for place in chunks:
-            stream.seek(place.chunk_start_offset)
-            chunk = next(StreamReader(stream, skip_magic=True, emit_chunks=True).records)
-            data = get_chunk_data_stream(chunk)[0].read(place.uncompressed_size)
-            for channel, offset in place.message_index_offsets.items():
-                stream.seek(offset)
-                index = next(StreamReader(stream, skip_magic=True).records)
-                assert index.channel_id == channel
-                for time, at in index.records:
-                    assert MESSAGE.unpack_from(data, at)[::2] == (5, channel, time)
-                    times.append(time)
-    return sorted(times)

@@ -45,7 +45,6 @@ AT_RUN_TIME = {
     "diffbot_sim.compiled.jit": {"numba"},
     "test.core.test_schema": {"numba"},
     "test.lab.campaign.test_runner": {"distributed", "pyarrow"},
-    "test.tools.view.test_footprint": {"playwright"},
     "test.tools.view.test_map_marks": {"playwright"},
 }
 """What modules need that they import in a function, by name or in a program that they start."""

@@ -1,4 +1,4 @@
-"""The command diffbot: usage, help, completion, exit statuses, one-line errors."""
+"""The command diffbot: usage, completion, exit statuses, one-line errors."""
 
 import os
 import shlex
@@ -16,20 +16,13 @@ import view_bags
 from diffbot_core.errors import DiffbotError
 from diffbot_tools import cli
 from diffbot_tools.arguments import OUTPUTS, check_outputs
-from diffbot_tools.command_help import EXAMPLES
 from diffbot_tools.goal_command import used_domains
 
 WRONG = {
-    "unknown command": ["dance"],
-    "seed is no number": ["demo", "--seed", "abc"],
     "a goal without yaw": ["goal", "1", "2"],
-    "timeout is no number": ["goal", "1", "2", "0", "--timeout", "soon"],
-    "no span": ["bag", "trim", "a", "b"],
+    "unknown command": ["dance"],
     "no time": ["bag", "trim", "a", "b", "--from", "yesterday"],
-    "nothing to filter": ["bag", "filter", "a", "b"],
     "twice": ["bag", "merge", "a", "./a", "b"],
-    "no size": ["bag", "split", "a", "b", "--size", "large"],
-    "tiny size": ["bag", "split", "a", "b", "--size", "999"],
 }
 
 
@@ -57,19 +50,10 @@ def test_replay_passes_bags_and_flags_on_as_parameters(kept_signal_handlers, mon
     assert parameters == {"uri": '"one"', "bags": '["two", "three"]', "as_fast_as_possible": "true", "seek": "2.0"}
 
 
-def test_negative_numbers_of_a_goal_are_positions_and_no_flags(kept_signal_handlers, monkeypatch):
-    given = []
-    monkeypatch.setattr("diffbot_tools.goal_command.run", lambda options: given.append(options) or 0)
-    assert cli.main(["goal", "-1.5", "-2", "-0.5", "--timeout", "3", "--no-wait"]) == 0
-    assert given[0].pose == (-1.5, -2.0, -0.5)
-    assert (given[0].frame, given[0].wait, given[0].timeout) == ("map", False, 3.0)
-
-
-@pytest.mark.parametrize("arguments", [["--controller", "a b"], ["--namespace", "1/"]])
-def test_a_name_that_no_node_has_is_an_error_in_one_line(arguments, kept_signal_handlers, capsys):
-    assert cli.main(["goal", "1", "2", "0", *arguments]) == 1
+def test_a_name_that_no_node_has_is_an_error_in_one_line(kept_signal_handlers, capsys):
+    assert cli.main(["goal", "-1", "-2", "0", "--controller", "a b"]) == 1
     written = capsys.readouterr().err
-    assert written.startswith(("diffbot: namespace ", "diffbot: --controller "))
+    assert written.startswith("diffbot: --controller ")
     assert written.count("\n") == 1
 
 
@@ -80,34 +64,6 @@ def test_the_command_line_and_the_launchers_of_nodes_start_without_heavy_librari
     loaded = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True)
     heavy = {"scipy", "filterpy", "numpy", "matplotlib", "numba", "pandas", "rclpy"}
     assert heavy & set(loaded.stdout.split()) == set()
-
-
-def test_demo_refuses_what_it_cannot_write_before_anything_starts(tmp_path, kept_signal_handlers, capsys, monkeypatch):
-    def start(*_args, **_options):
-        raise AssertionError("a node was started")
-
-    monkeypatch.setattr("diffbot_tools.demo.processes.NodeProcesses.start", start)
-    used = tmp_path / "used" / "bag" / "metadata.yaml"
-    foreign = tmp_path / "foreign" / "bag" / "thesis.txt"
-    odd = tmp_path / "odd" / "bag"
-    for file in (used, foreign, odd):
-        file.parent.mkdir(parents=True)
-        file.write_text("mine")
-    cases = {
-        (tmp_path / "used",): "--overwrite",
-        (tmp_path / "foreign",): "--overwrite",
-        (tmp_path / "foreign", "--overwrite"): "is no bag",
-        (tmp_path / "odd", "--overwrite"): "is no bag",
-        (odd,): "cannot write to",
-        ("/proc/nothing/here",): "cannot write to",
-    }
-    for arguments, words in cases.items():
-        assert cli.main(["demo", "--out", *map(str, arguments)]) == 1
-        written = capsys.readouterr().err
-        assert words in written
-        assert len(written.splitlines()) == 1
-        assert written.startswith("diffbot: ")
-    assert {file.read_text() for file in (used, foreign, odd)} == {"mine"}
 
 
 READ = {"bag", "bags", "contract", "params", "folder", "file", "tuning", "runner"}
@@ -133,18 +89,6 @@ def test_outputs_of_every_command_are_checked_before_its_work(tmp_path, capsys):
         assert cli.main(["report", str(bag), "-o", str(path)]) == 1
         assert capsys.readouterr().err == f"diffbot: cannot write to {path}: {bag} is a bag\n"
     assert {path: path.read_bytes() for path in bag.iterdir()} == before
-
-
-def test_every_command_has_examples_that_its_own_parser_accepts_and_its_help_shows():
-    parser = cli._parser()
-    leaves = dict(bag_commands.leaves(parser))
-    assert set(leaves) <= set(EXAMPLES) <= set(leaves) | {name.split()[0] for name in leaves}
-    for name, leaf in leaves.items():
-        for example in EXAMPLES[name]:
-            assert f"\n  diffbot {example}\n" in leaf.format_help()
-            options = parser.parse_args(shlex.split(example))
-            assert example.startswith(name)
-            assert callable(options.call)
 
 
 def completed(line):

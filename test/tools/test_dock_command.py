@@ -35,24 +35,13 @@ def test_with_the_pose_in_map_the_robot_drives_to_the_pose_before_it_first(sent,
     assert where(dock) == ("dock_controller", "dock", "")
 
 
-def test_a_staging_pose_that_is_not_reached_ends_it(monkeypatch, kept_signal_handlers):
-    given = []
-    monkeypatch.setattr("diffbot_tools.dock_command.run", lambda options: given.append(options) or 3)
-    assert main(["dock", "3", "1", "0"]) == 3
-    assert len(given) == 1
-
-
 @pytest.mark.parametrize(("flags", "x"), [((), -0.7), (("--backward", "--distance", "1"), 1.0)])
 def test_undocking_is_a_goal_on_the_axis(sent, flags, x):
     assert main(["undock", *flags]) == 0
     assert sent[0].pose == (x, 0.0, 0.0)
 
 
-@pytest.mark.parametrize(
-    ("words", "text"),
-    [(("3", "1"), "three numbers, or none"), (("3", "1", "east"), "X Y YAW"), (("3", "nan", "1"), "X Y YAW")],
-)
-def test_a_pose_that_is_none_is_refused_in_one_line(sent, capsys, words, text):
-    assert main(["dock", *words]) == 1
-    assert text in capsys.readouterr().err
+def test_a_pose_that_is_none_is_refused_in_one_line(sent, capsys):
+    assert main(["dock", "3", "1"]) == 1
+    assert "three numbers, or none" in capsys.readouterr().err
     assert not sent

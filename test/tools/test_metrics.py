@@ -30,9 +30,3 @@ def test_a_run_that_ends_outside_of_a_tolerance_has_not_settled():
     # |1.6 - pi/2| = 0.029, |1.5 - pi/2| = 0.071: at the end the heading is out again.
     assert math.isnan(goal_metrics(TIME, POSES, GOAL, 0.2, 0.05).settling_time)
     assert math.isnan(goal_metrics(TIME, POSES, GOAL, 0.05, 0.1).settling_time)
-
-
-def test_the_heading_error_goes_the_short_way_round():
-    metrics = goal_metrics(np.array([0.0]), np.array([[0.0, 0.0, 3.1]]), Pose(0.0, 0.0, -3.1), 1.0, 0.1)
-    assert metrics.heading_error == pytest.approx(2.0 * math.pi - 6.2)
-    assert (metrics.settling_time, metrics.path_length) == (0.0, 0.0)

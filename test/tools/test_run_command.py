@@ -25,11 +25,6 @@ def file(tmp_path):
     return write
 
 
-def test_without_a_parameter_file_it_is_the_robot_of_the_paper():
-    for nodes in (ROBOT, WITH_PLANT):
-        check_limits(nodes, ["-p", "seed:=3"])
-
-
 def test_limits_count_wherever_they_are_given(file):
     check_limits(ROBOT, file(all=LIMITS))
     check_limits(ROBOT, [*file(all=LIMITS), *file("calibrated.yaml", controller={"command_latency": 0.2})])
@@ -58,13 +53,6 @@ def test_the_command_says_so_in_one_line_before_anything_moves(file, kept_signal
     assert "A robot is not driven without its limits" in err
 
 
-def test_a_misspelt_limit_is_a_missing_one(file):
-    misspelt = {**LIMITS, "linear.x.max_velocty": 0.6}
-    del misspelt[REQUIRED[0]]
-    with pytest.raises(DiffbotError, match=r"no linear\.x\.max_velocity for the controller"):
-        check_limits(ROBOT, file(all=misspelt))
-
-
 def test_a_plant_that_is_the_same_robot_is_driven(file):
     check_limits(WITH_PLANT, file(plant={"eps_v_max": 0.065}))
     check_limits(WITH_PLANT, file(all={"wheel_radius": 0.1, "command_latency": 0.2}))
@@ -84,14 +72,8 @@ def test_a_plant_that_is_another_robot_is_not_driven_without_limits(file):
 def test_sections_and_arguments_of_another_name_do_not_count(file):
     words = file(all=LIMITS)
     check_limits(ROBOT, [*words, "-r", "__ns:=/robot1"])
-    text = "/robot2/controller:\n  ros__parameters: {" + ", ".join(f"{k}: {v}" for k, v in LIMITS.items()) + "}\n"
-    path = file()[1]
-    with open(path, "w", encoding="utf-8") as stream:
-        stream.write(text)
-    check_limits(ROBOT, ["--params-file", path, "-r", "__ns:=/robot2"])
-    for others in (["-r", "__ns:=/robot1"], ["-r", "controller:__node:=pilot", "-r", "__ns:=/robot2"]):
-        with pytest.raises(DiffbotError, match="no linear"):
-            check_limits(ROBOT, ["--params-file", path, *others])
+    with pytest.raises(DiffbotError, match="no linear"):
+        check_limits(ROBOT, [*file(controller=LIMITS), "-r", "controller:__node:=pilot"])
     singles = [word for name in REQUIRED for word in ("-p", f"ekf:{name}:=1.0")]
     with pytest.raises(DiffbotError, match="no linear"):
         check_limits(ROBOT, [*file("ekf.yaml", ekf={"gate_probability": 0.99}), *singles])

@@ -38,22 +38,6 @@ def test_text_and_hash_of_every_installed_type_agree_with_other_libraries():
         assert name in generate_dynamic(name, definitions.schema_text(name))
 
 
-def test_parts_follow_depth_first_in_alphabetical_order_once_each(prefix):
-    top = "# of all, größe\r\nZebra[<=3] z\nother_msgs/Far far\nApple   a\nApple[2] b\nstring<=10 s\nint32 N=7\n"
-    prefix("Top", top)
-    prefix("Apple", "Core core 1\n")
-    prefix("Core", "float64 x 1.5\n")
-    prefix("Zebra", "Core core\nwstring w\n")
-    root = prefix("Far", "uint8[] raw", package="other_msgs")
-    line = "=" * 80
-    assert MessageDefinitions([root]).schema_text("my_msgs/msg/Top") == (
-        f"{top}\n{line}\nMSG: my_msgs/Apple\nCore core 1\n"
-        f"\n{line}\nMSG: my_msgs/Core\nfloat64 x 1.5\n"
-        f"\n{line}\nMSG: my_msgs/Zebra\nCore core\nwstring w\n"
-        f"\n{line}\nMSG: other_msgs/Far\nuint8[] raw"
-    )
-
-
 def test_the_first_prefix_wins_and_the_environment_comes_last(prefix, monkeypatch, tmp_path):
     first, second = prefix("A", "int8 a\n"), prefix("A", "int16 a\n", root="two")
     assert MessageDefinitions([first, second]).schema_text("my_msgs/msg/A") == "int8 a\n"
@@ -65,11 +49,11 @@ def test_the_first_prefix_wins_and_the_environment_comes_last(prefix, monkeypatc
     assert ament_prefixes() == [Path(sys.prefix)]
 
 
-@pytest.mark.parametrize("name", ["my_msgs/msg/Nothing", "no_msgs/msg/A", "std_msgs", "std_msgs/msg/../Bool", ""])
+@pytest.mark.parametrize("name", ["my_msgs/msg/Nothing", "std_msgs", "std_msgs/msg/../Bool"])
 def test_what_is_not_installed_is_named(name, prefix):
     prefix("A", "int8 a\n")
     definitions = MessageDefinitions([prefix("Part", "Lost lost\n")])
-    with pytest.raises(DefinitionNotFoundError, match=name or "''"):
+    with pytest.raises(DefinitionNotFoundError, match=name):
         definitions.schema_text(name)
     with pytest.raises(DefinitionNotFoundError):
         definitions.type_hash(name)

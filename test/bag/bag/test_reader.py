@@ -2,12 +2,11 @@
 
 import io
 import re
-from pathlib import Path
 
 import pytest
 from bag_makers import BEGIN, POINT, point
 from mcap.reader import make_reader
-from mcap.writer import CompressionType, IndexType
+from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 
 from diffbot_bag.bag.qos import Qos
@@ -79,23 +78,19 @@ def test_topics_and_range_select(bag):
         assert reader.last_before(BEGIN, ["/a"]) == reader.last_before(BEGIN + STEP, []) == []
 
 
-def test_a_missing_bag_and_an_empty_folder(tmp_path):
+def test_a_missing_bag_an_empty_folder_and_a_foreign_file(tmp_path):
     assert "no such file or folder" in error_of(tmp_path / "none")
-    with pytest.raises(DiffbotError, match="no such file"):
-        BagReader(tmp_path / "a\0b")
-    with pytest.raises(DiffbotError, match="File name too long"):
-        BagReader(tmp_path / ("x" * 300))
-    with pytest.raises(DiffbotError, match="no bag ~nobody-of-this-name/run: "):
-        BagReader(Path("~nobody-of-this-name/run"))
     (tmp_path / "empty").mkdir()
     assert "neither metadata.yaml nor an MCAP file" in error_of(tmp_path / "empty")
     folder = write_bag(tmp_path / "run", 0, 3)
     (folder / "run_0.mcap").unlink()
     with pytest.raises(DiffbotError, match=r"cannot open .*run_0.mcap: No such file"):
         BagReader(folder)
+    (tmp_path / "foreign.mcap").write_bytes(b"#ROSBAG V2.0\n")
+    assert "is not an MCAP file" in error_of(tmp_path / "foreign.mcap")
 
 
-@pytest.mark.parametrize("share", [0.0001, 0.1, 0.5, 0.99, 0.9999])
+@pytest.mark.parametrize("share", [0.0001, 0.5, 0.9999])
 def test_a_file_that_was_cut_off_is_read_up_to_there_with_a_warning(bag, tmp_path, share):
     content, path = (bag / "run_0.mcap").read_bytes(), tmp_path / "broken.mcap"
     cut = max(9, int(len(content) * share))
@@ -114,18 +109,11 @@ def test_a_file_that_was_cut_off_is_read_up_to_there_with_a_warning(bag, tmp_pat
         assert "`diffbot bag repair`" in unfinished.warning
 
 
-NO_INDEX = {"index_types": IndexType.NONE} | dict.fromkeys(
-    ("use_statistics", "repeat_channels", "repeat_schemas", "use_summary_offsets"), False
-)
-
-
 @pytest.mark.parametrize(
     ("compression", "options"),
     [
         (CompressionType.LZ4, {}),
         (CompressionType.NONE, {"use_chunking": False}),
-        (CompressionType.ZSTD, {"chunk_size": 200}),
-        (CompressionType.NONE, NO_INDEX),
     ],
 )
 @pytest.mark.parametrize("is_finished", [True, False])
@@ -142,23 +130,8 @@ def test_files_of_the_mcap_library_are_read_in_order(tmp_path, compression, opti
         expected = sorted((time, number) for number, time in enumerate(times))
         assert [(one.log_time, one.publish_time) for one in reader.messages()] == expected
         assert [(row[0], row[2], row[3]) for row in reader.rows(["/a"])] == [(*one, one[1]) for one in expected]
-        assert ("no index" in reader.warning) is not (is_finished and options != NO_INDEX)
+        assert ("no index" in reader.warning) is not is_finished
         assert reader.topics["/a"].type == POINT
-
-
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        (b"", "is an empty file"),
-        (b"#ROSBAG V2.0\n", "is not an MCAP file"),
-        (b"\x89MCAP0\r\n" * 2, "is damaged"),
-        (b"\x89MCAP0\r\n" + b"\xff" * 100 + b"\x89MCAP0\r\n", "is damaged"),
-    ],
-)
-def test_a_foreign_file(tmp_path, content, words):
-    path = tmp_path / "foreign.mcap"
-    path.write_bytes(content)
-    assert words in error_of(path)
 
 
 @pytest.mark.parametrize("is_finished", [True, False])
@@ -172,7 +145,7 @@ def test_a_flipped_byte_never_passes_as_data(bag, tmp_path, is_finished):
             return list(reader.messages()), len(list(reader.rows(reader.topics)))
 
     whole, lines = read(content), []
-    for position in range(20, len(content) - 2000, len(content) // 60):
+    for position in range(20, len(content) - 2000, len(content) // 30):
         flipped = bytearray(content)
         flipped[position] ^= 0x55
         try:
@@ -180,7 +153,7 @@ def test_a_flipped_byte_never_passes_as_data(bag, tmp_path, is_finished):
             assert read(flipped) == whole
         except DiffbotError as error:
             lines.append(str(error))
-    assert len(lines) > 15
+    assert len(lines) > 7
     if not is_finished:
         words = r"is damaged \(.*\): `diffbot bag repair` saves what is intact$|not a QoS profile"
         assert all(re.search(words, line) for line in lines)

@@ -6,8 +6,6 @@ import pytest
 import yaml
 from bag_makers import BEGIN, STRING, string
 from mcap.reader import make_reader
-from mcap.records import Chunk
-from mcap.stream_reader import StreamReader
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability
 from view_bags import command, data_of
@@ -17,7 +15,6 @@ from diffbot_bag.bag.message_definitions import MessageDefinitions
 from diffbot_bag.bag.new_bag import new_bag
 from diffbot_bag.bag.qos import Qos
 from diffbot_bag.bag.writer import BagWriteError, BagWriter
-from diffbot_bag.mcap.whole_chunk import Compression
 
 TWIST = "geometry_msgs/msg/Twist"
 LATCHED = Qos(durability="transient_local")
@@ -62,21 +59,6 @@ def test_rosbags_reads_every_value(bag):
         assert read == [(BEGIN + index * 10_000_000, float(index)) for index in range(10)]
 
 
-def test_records_of_the_file_are_those_of_rosbag2(bag):
-    with (bag / "run_0.mcap").open("rb") as stream:
-        reader = make_reader(stream, validate_crcs=True)
-        assert reader.get_header().profile == "ros2"
-        messages = [message for *_, message in reader.iter_messages(["/cmd_vel"])]
-        first, last = reader.iter_metadata()
-    assert [(one.publish_time - BEGIN, one.sequence) for one in messages] == [
-        (index * 10_000_000 - 1000, index + 1) for index in range(10)
-    ]
-    assert first.name == last.name == "rosbag2"
-    assert yaml.safe_load(first.metadata["serialized_metadata"])["message_count"] == 0
-    inner = yaml.safe_load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
-    assert yaml.safe_load(last.metadata["serialized_metadata"]) == inner
-
-
 def test_every_field_of_metadata_yaml(bag):
     none = {"sec": 9223372036, "nsec": 854775807}
     profile = {
@@ -103,16 +85,6 @@ def test_every_field_of_metadata_yaml(bag):
     assert sorted(path.name for path in bag.iterdir()) == ["metadata.yaml", "run_0.mcap"]
 
 
-@pytest.mark.parametrize(("kind", "compression"), [("zstd", "zstd"), ("lz4", "lz4"), ("none", "")])
-def test_chunks_have_the_size_and_compression_asked_for(tmp_path, kind, compression):
-    write_bag(tmp_path / "run", 1000, chunk_size=10_000, compression=Compression(kind)).close()
-    with (tmp_path / "run" / "run_0.mcap").open("rb") as stream:
-        chunks = [record for record in StreamReader(stream, emit_chunks=True).records if isinstance(record, Chunk)]
-    assert {chunk.compression for chunk in chunks} == {compression}
-    assert all(10_000 < chunk.uncompressed_size < 11_000 for chunk in chunks[1:-1])
-    assert len(chunks) > 5
-
-
 def test_a_type_that_is_not_installed_is_kept_without_a_schema(tmp_path):
     writer = BagWriter(tmp_path / "parents" / "are made" / "run", MessageDefinitions([tmp_path]))
     writer.write(writer.add_topic("/a", "my_msgs/msg/A"), b"\0\1\0\0abc", BEGIN, BEGIN)
@@ -135,14 +107,10 @@ def test_the_disk_is_watched(tmp_path):
     writer.path.rename(tmp_path / "moved")
     with pytest.raises(BagWriteError, match="has gone while it was written"):
         writer.check_disk(0)
-    writer.path.touch()
-    with pytest.raises(BagWriteError, match="was replaced while it was written"):
-        writer.check_disk(0)
-    for _ in range(2):
-        writer.close()
+    writer.close()
 
 
-def test_what_cannot_be_created_is_refused_and_leaves_nothing(tmp_path, monkeypatch):
+def test_what_cannot_be_created_is_refused_and_leaves_nothing(tmp_path):
     (tmp_path / "run").mkdir()
     (tmp_path / "file").write_text("")
     with pytest.raises(BagWriteError, match=r"run exists already: choose another name for the bag$"):
@@ -152,10 +120,6 @@ def test_what_cannot_be_created_is_refused_and_leaves_nothing(tmp_path, monkeypa
         with pytest.raises(BagWriteError, match=r"cannot create the bag .*: \w") as error:
             BagWriter(parent / "run")
         assert "\n" not in str(error.value)
-    monkeypatch.setattr(Path, "replace", lambda *_: 1 / 0)
-    with pytest.raises(ZeroDivisionError):
-        metadata.write(tmp_path / "run", metadata.BagMetadata(files=("a_0.mcap",)))
-    assert not list((tmp_path / "run").iterdir()), "half a metadata.yaml"
 
 
 def test_a_new_bag_and_files_beside_it_appear_together(tmp_path):
@@ -165,14 +129,4 @@ def test_a_new_bag_and_files_beside_it_appear_together(tmp_path):
         assert not (tmp_path / "run").exists()
     assert sorted(one.name for one in (tmp_path / "run").iterdir()) == ["metadata.yaml", "notes.txt", "run_0.mcap"]
     assert metadata.read(tmp_path / "run").message_count == 1
-    assert [one.name for one in tmp_path.iterdir()] == ["run"]
-
-
-def test_a_new_bag_that_fails_leaves_nothing(tmp_path):
-    with pytest.raises(ZeroDivisionError), new_bag(tmp_path / "run"):
-        1 / 0  # noqa: B018
-    assert list(tmp_path.iterdir()) == []
-    (tmp_path / "run").symlink_to("nowhere")
-    with pytest.raises(BagWriteError, match="exists already"), new_bag(tmp_path / "run"):
-        pass
     assert [one.name for one in tmp_path.iterdir()] == ["run"]

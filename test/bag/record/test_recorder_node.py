@@ -1,12 +1,10 @@
 """The recorder: what was published over DDS is in the bag, to the byte and in order, and what is missing is counted."""
 
-import re
 import signal
 import statistics
 import time
 
 import bag_makers
-import geometry_msgs.msg
 import graph
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -18,9 +16,7 @@ from std_msgs.msg import String
 
 from diffbot_bag.bag import metadata
 from diffbot_bag.bag.reader import BagReader
-from diffbot_bag.recorder_node import RecorderNode
 from diffbot_bag.ros import recorded_topic
-from diffbot_core.errors import DiffbotError
 
 pytestmark = pytest.mark.graph
 
@@ -71,17 +67,6 @@ def test_publishers_of_every_qos_are_recorded_to_the_byte(nodes, peer, tmp_path)
     # rosbag2's default: what belongs to the graph itself is recorded, too. The recorder's own status is not.
     assert {"/rosout", "/parameter_events"} <= set(topics)
     assert not {"/recorder/status", "/without_a_publisher"} & set(topics)
-
-
-def test_selected_topics_are_recorded_with_names_of_its_namespace(nodes, peer, tmp_path):
-    a, b, other, hidden = (peer.publisher(Twist, name) for name in ("/robot/a", "/robot/b", "/other", "/_hidden"))
-    selection = {"topics": ["a", "/_hidden", "/never"], "regex": "/o.*", "exclude_topics": ["b"]}
-    recorder = Recorder(nodes, tmp_path / "run", ("-r", "__ns:=/robot", "-r", "__node:=box"), **selection)
-    for each in (a, other, hidden):
-        peer.spin_until(each.get_subscription_count, what=each.topic_name)
-    assert b.get_subscription_count() == 0
-    recorder.close()
-    assert {topic.name for topic in metadata.read(tmp_path / "run").topics} == {"/robot/a", "/other", "/_hidden"}
 
 
 def test_lost_messages_are_counted_reported_and_kept(nodes, peer, tmp_path):
@@ -137,69 +122,6 @@ def test_log_times_are_simulated_and_what_comes_before_the_first_has_it(nodes, p
     assert [one.log_time // 10**9 for one in messages] == [500] * 4 + [900] * 5
 
 
-def test_without_a_clock_messages_keep_the_time_of_reception(nodes, peer, tmp_path, capfd):
-    data = peer.publisher(Twist, "data", RELIABLE)
-    recorder = Recorder(nodes, tmp_path / "run", use_sim_time=True, max_held=5, topics=["/data"])
-    recorder.wait_for(data)
-    begin = peer.node.get_clock().now().nanoseconds
-    sent = publish(data, twists(8))
-    recorder.close()
-    assert "no /clock received: 5 messages keep their time of reception" in capfd.readouterr().err
-    assert recorded(tmp_path / "run", "/data") == sent[:5]
-    with BagReader(tmp_path / "run") as reader:
-        assert reader.start >= begin
-
-
-def test_topics_without_a_type_or_with_two_are_named_once_and_the_rest_is_recorded(
-    nodes, peer, tmp_path, capfd, monkeypatch
-):
-    good, odd, foreign = (
-        peer.publisher(kind, name) for kind, name in ((Twist, "good"), (Twist, "odd"), (TwistStamped, "foreign"))
-    )
-    original = RecorderNode.get_topic_names_and_types
-    two = {"/odd": ["std_msgs/msg/String"]}
-    monkeypatch.setattr(
-        RecorderNode,
-        "get_topic_names_and_types",
-        lambda node: [(name, types + two.get(name, [])) for name, types in original(node)],
-    )
-    monkeypatch.delattr(geometry_msgs.msg, "TwistStamped")
-    recorder = Recorder(nodes, tmp_path / "run")
-    recorder.wait_for(good)
-    names = {name for name, _ in original(recorder.node)}
-    assert {"/odd", "/foreign"} <= names
-    for _ in range(5):
-        recorder.node.update_subscriptions()
-    sent = publish(good, twists(3))
-    recorder.close()
-    output = capfd.readouterr().err
-    (line,) = [line for line in output.splitlines() if "/foreign is not recorded" in line]
-    assert "type geometry_msgs/msg/TwistStamped" in line
-    (line,) = [line for line in output.splitlines() if "/odd is not recorded" in line]
-    assert "several types (geometry_msgs/msg/Twist, std_msgs/msg/String)" in line
-    assert odd.get_subscription_count() == foreign.get_subscription_count() == 0
-    assert recorded(tmp_path / "run", "/good") == sent
-
-
-def test_a_publisher_of_a_second_type_is_reported_and_the_first_ones_messages_are_recorded(
-    nodes, peer, tmp_path, capfd
-):
-    first = peer.publisher(Twist, "shared", RELIABLE)
-    recorder = Recorder(nodes, tmp_path / "run", topics=["/shared"])
-    recorder.wait_for(first)
-    sent = publish(first, twists(3))
-    with graph.peer("intruder") as other:
-        second = other.publisher(String, "shared", DEEP)
-        publish(second, [String(data="not recorded")] * 4)
-        recorder.wait("incomplete", "/shared")
-        assert recorder.reports[-1].level == DiagnosticStatus.WARN
-    recorder.close()
-    # Once more at most, if its node was discovered later than its publisher.
-    assert capfd.readouterr().err.count(" is not recorded: its type is std_msgs/msg/String") in (1, 2)
-    assert recorded(tmp_path / "run", "/shared") == sent
-    assert custom_data(tmp_path / "run") == {"lost_messages": "0"}
-
-
 def test_a_weaker_publisher_that_joins_is_recorded_without_loss_or_repetition(nodes, peer, tmp_path, monkeypatch):
     first = peer.publisher(Twist, "shared", DEEP)
     recorder = Recorder(nodes, tmp_path / "run", topics=["/shared"])
@@ -228,21 +150,6 @@ def test_a_weaker_publisher_that_joins_is_recorded_without_loss_or_repetition(no
     recorder.close()
     assert sorted(recorded(tmp_path / "run", "/shared")) == sorted(sent)
     assert custom_data(tmp_path / "run") == {"lost_messages": "0"}
-
-
-@pytest.mark.parametrize(
-    ("parameters", "words"),
-    [
-        ({"regex": "("}, r"regex = '(': must be a regular expression"),
-        ({"max_bag_size": 5}, "max_bag_size = 5: must be 0 or >= chunk_size"),
-        ({"qos_profile_overrides_path": "/none.yaml"}, "cannot open /none.yaml: No such file"),
-        ({"uri": "/proc/none/run"}, "cannot create the bag"),
-    ],
-)
-def test_what_it_refuses_to_start_with_leaves_no_folder(nodes, tmp_path, parameters, words):
-    with pytest.raises(DiffbotError, match=re.escape(words)):
-        Recorder(nodes, tmp_path / "run", **parameters)
-    assert not (tmp_path / "run").exists()
 
 
 def test_a_kill_at_any_time_costs_half_a_second_at_most_with_default_parameters(peer, tmp_path):

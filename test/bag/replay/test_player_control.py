@@ -1,11 +1,9 @@
-"""Seek, rate, burst, loops, the fastest replay and reading ahead: a clock of the test, times worked out by hand."""
+"""Seek, rate, loops and the fastest replay: a clock of the test, times worked out by hand."""
 
 import heapq
 import itertools
 import random
-import threading
 
-import graph
 import pytest
 from bag_makers import BEGIN, LATCHED, MS, point, write_mcap
 from mcap.reader import make_reader
@@ -14,7 +12,6 @@ from diffbot_bag.bag.merged_bags import MergedBags
 from diffbot_bag.bag.reader import RawMessage
 from diffbot_bag.replay.playback_clock import Window
 from diffbot_bag.replay.player import Pace, Player, Sink, Source
-from diffbot_bag.replay.read_ahead import ReadAhead
 
 ALL = ("/a", "/b", "/map")
 
@@ -143,28 +140,6 @@ def test_the_rate_changes_from_now_on():
     assert run.player.progress().rate == 0.5
 
 
-def test_a_burst_comes_at_once_and_resuming_withdraws_what_is_left_of_it():
-    run = plain(start_paused=True)
-    run.time.at(10 * MS, lambda: run.player.request_steps(50))
-    run.after(20, run.player.resume)
-    run.time.at(60 * MS, lambda: run.player.set_rate(2.0))
-    run.play()
-    times = [when for when, _ in run.sent]
-    assert times[:20] == [10 * MS] * 20
-    assert times[20:70] == [(10 + index) * MS for index in range(1, 51)]
-    assert times[70:] == [60 * MS + index * MS // 2 for index in range(1, 231)]
-    assert not run.player.request_steps(1)
-
-
-def test_the_clock_ticks_in_the_bag_s_time():
-    run = plain(rate=2.0, clock=100.0, start_paused=True)
-    run.time.at(30 * MS, run.player.resume)
-    run.play()
-    # While paused, too; from then on 20 ms of the bag at each tick.
-    expected = [(when * MS, BEGIN + max(0, when - 30) * 2 * MS) for when in range(0, 180, 10)]
-    assert [tick for tick in run.clock if tick[0] < 180 * MS] == expected
-
-
 def test_a_loop_begins_again_after_the_delay_and_its_clock_jumps_back():
     run = plain(raw(100), loop=True, clock=1000.0, delay=0.01)
     run.after(250, run.player.stop)
@@ -185,25 +160,3 @@ def test_as_fast_as_possible_takes_no_time_keeps_the_order_and_the_clock_is_that
     assert [stamp for _, stamp in run.clock] == [BEGIN + index * MS for index in range(0, 300, 10)]
     assert not run.player.lateness
     assert run.player.progress().bag_time == BEGIN + 299 * MS
-
-
-@pytest.mark.parametrize("size", [1, 50, 1000])
-def test_reading_ahead_keeps_order_and_bound(size):
-    drawn = []
-
-    def source():
-        for message in raw(3000):
-            drawn.append(message)
-            yield message
-
-    with ReadAhead(source(), size) as ahead:
-        iterator = iter(ahead)
-        assert next(iterator).data == point(0)
-        # Let it read as far as it wants to.
-        graph.wait_for(lambda: len(drawn) >= min(size, 3000), what="reading ahead")
-        assert not graph.comes_true(lambda: len(drawn) > size + 150, 0.05)
-        assert [message.data for message in iterator] == [point(index) for index in range(1, 3000)]
-    # A reader that waits for room ends with the block.
-    with ReadAhead(itertools.repeat(drawn[0]), size):
-        pass
-    assert not any(one.name == "read ahead" for one in threading.enumerate())

@@ -2,6 +2,7 @@
 
 import fcntl
 import os
+import pty
 import termios
 
 import bag_makers
@@ -21,6 +22,15 @@ ROOM = 5000
 """messages that DDS keeps at most on either side"""
 COUNT = 2 * ROOM + 500
 A, MAP = [point(index) for index in range(1001)], [point(-second) for second in (0, 3, 6)]
+
+
+@pytest.fixture
+def terminal():
+    """Return both ends of a pseudo-terminal: ours and theirs."""
+    ours, theirs = pty.openpty()
+    yield ours, theirs
+    os.close(ours)
+    os.close(theirs)
 
 
 @pytest.fixture(scope="module")

@@ -1,10 +1,10 @@
-"""The replay: bytes, order, count and QoS of bags come back over DDS, controlled by parameters and services."""
+"""The replay: bytes, order and count of a bag come back over DDS, in the part and at the rate that are asked for."""
 
 import io
 import re
 
 import pytest
-from bag_makers import BEGIN, MS, POINT, STRING, point, string, write_mcap
+from bag_makers import BEGIN, MS, POINT, STRING, point, string
 from geometry_msgs.msg import Point
 from mcap.reader import make_reader
 from rclpy.serialization import deserialize_message, serialize_message
@@ -16,7 +16,6 @@ from std_msgs.msg import String
 from diffbot_bag.bag.qos import Qos
 from diffbot_bag.bag.reader import BagReader
 from diffbot_bag.bag.writer import BagWriter
-from diffbot_bag.ros.conversions import from_ros
 from diffbot_core.errors import DiffbotError
 
 pytestmark = pytest.mark.graph
@@ -125,18 +124,6 @@ def test_the_clock_replaces_a_recorded_one(nodes, bag):
     assert "/clock" not in replay.node.health.sent
 
 
-def test_the_recorded_qos_is_offered_or_the_one_of_a_file(nodes, bag, tmp_path):
-    path, names = tmp_path / "qos.yaml", ("/a", "/noise", "/text")
-    path.write_text("/a: {reliability: best_effort, deadline: {sec: 2, nsec: 0}}\n")
-    find = nodes.peer.node.get_publishers_info_by_topic
-    with Replay(nodes, bag, {}, qos_profile_overrides_path=str(path)):
-        nodes.peer.spin_until(lambda: all(map(find, names)), what="publishers")
-        a, noise, text = (from_ros(find(name)[0].qos_profile) for name in names)
-    assert (a.reliability, a.durability, a.deadline) == ("best_effort", "volatile", 2 * 10**9)
-    assert (noise.reliability, noise.durability) == ("best_effort", "volatile")
-    assert (text.reliability, text.durability) == ("reliable", "transient_local")
-
-
 def test_a_type_that_is_not_installed_is_named_once_and_the_rest_played(nodes, tmp_path, capfd):
     topics = {"/a": (POINT, Qos()), "/b": ("my_msgs/msg/Thing", Qos())}
     messages = [(topic, BEGIN + index, point(index)) for index in range(5) for topic in topics]
@@ -158,23 +145,3 @@ def test_damage_found_while_playing_is_one_line_and_status_one(nodes, bag, tmp_p
         assert replay.wait_for_end() == 1
     (error,) = [line for line in capfd.readouterr().err.splitlines() if "ERROR" in line]
     assert "damaged.mcap is damaged" in error
-
-
-@pytest.mark.parametrize(
-    ("parameters", "words"),
-    [
-        ({"uri": ""}, "uri = '': must be the folder of a bag or an MCAP file"),
-        ({"uri": "silent"}, "has no message to play"),
-        ({"bags": ["other.mcap"]}, "/a is geometry_msgs/msg/Point in"),
-        ({"remap": ["a"]}, "remap = 'a': must be old:=new"),
-        ({"burst": 3, "start_paused": False}, "burst = 3: must be 0, unless start_paused is true"),
-        ({"qos_profile_overrides_path": "qos.yaml"}, "/a: not a QoS profile: {"),
-    ],
-)
-def test_what_it_refuses_to_start_with(nodes, bag, tmp_path, monkeypatch, parameters, words):
-    monkeypatch.chdir(tmp_path)
-    BagWriter(tmp_path / "silent").close()
-    write_mcap(tmp_path / "other.mcap", [("/a", BEGIN, string(""))], STRING)
-    (tmp_path / "qos.yaml").write_text("/a: {depth: none}\n")
-    with pytest.raises(DiffbotError, match=re.escape(words)):
-        Replay(nodes, parameters.pop("uri", bag), {}, **parameters)

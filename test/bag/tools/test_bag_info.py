@@ -6,10 +6,7 @@ import pytest
 import view_bags
 from bag_makers import read
 
-from diffbot_bag.mcap.format import MAX_TIME
-from diffbot_bag.tools import bag_info
 from diffbot_bag.tools.bag_info import read_info
-from diffbot_bag.tools.topic_figures import TopicMeter
 from diffbot_core.errors import DiffbotError
 
 
@@ -102,26 +99,3 @@ def test_quick_reads_no_message(tmp_path):
     assert all(topic.figures is None for topic in whole.topics)
     with pytest.raises(DiffbotError, match="damaged"):
         read_info(folder)
-
-
-def test_a_bag_beyond_the_bounds_is_refused(tmp_path, monkeypatch):
-    folder = bag_makers.write_folder(tmp_path / "late", [("/a", MAX_TIME + 1, 0, view_bags.command(0.0, 0.0))])
-    with pytest.raises(DiffbotError, match=r"late_0.mcap: log time .*: must be <= "):
-        read_info(folder)
-    monkeypatch.setattr(bag_info, "MAX_TOPICS", 2)
-    with pytest.raises(DiffbotError, match=r"has 3 topics: must be <= 2$"):
-        read_info(bag_makers.write_folder(tmp_path / "run", view_bags.irregular(1.0)))
-
-
-def test_nothing_is_lost_between_two_batches():
-    meter = TopicMeter(True)
-    times = [*range(4096), 4095 + 700, 4095 + 701]
-    for number, time in enumerate(times):
-        stamp = 10**9 - 5 if number == 4096 else 10**9 + time
-        data = b"\0\1\0\0" + (stamp // 10**9).to_bytes(4, "little") + (stamp % 10**9).to_bytes(4, "little")
-        meter.add(10**10 + time, data, number)
-    found = meter.figures()
-    assert (found.gap, found.gap_begin) == (700e-9, 10**10 + 4095)
-    assert found.stamps_back == 1
-    assert found.stamp_gap == pytest.approx((4095 + 701 + 5) * 1e-9)
-    assert found.missing == 0

@@ -3,12 +3,9 @@
 import bag_makers
 import pytest
 import view_bags
-from hypothesis import given
-from hypothesis import strategies as st
 
-from diffbot_bag.tools import contract_draft
 from diffbot_bag.tools.bag_info import read_info
-from diffbot_bag.tools.contract import MAX_BYTES, TopicRules, parse_contract, read_contract
+from diffbot_bag.tools.contract import TopicRules, parse_contract, read_contract
 from diffbot_bag.tools.contract_check import BAG, Consistency, check_bag
 from diffbot_bag.tools.contract_draft import draft_contract
 from diffbot_core.bounded_yaml import load_yaml
@@ -87,18 +84,16 @@ def test_rules_of_the_bag(info):
     assert results(info, bag=rule, topics={"/odom": {}, "/cmd_vel": {}})[BAG, "only_these_topics"].passed
 
 
-def test_topics_that_begin_late_and_stamps_that_go_back_or_are_missing_break_their_rules(info, tmp_path):
-    assert passes(info, "max_start", 4.31, "/cmd_vel")
+def test_stamps_that_go_back_or_are_missing_and_a_late_begin_break_their_rules(info, tmp_path):
     assert not passes(info, "max_start", 4.29, "/cmd_vel")
+    stamps = ("/a", 5), ("/a", 9), ("/a", 8), ("/b", 0)
+    times = range(bag_makers.BEGIN, bag_makers.BEGIN + len(stamps))
     rows = [
-        ("/a", bag_makers.BEGIN + number, 0, view_bags.odometry(stamp, 0.0, 0.0, 0.0))
-        for number, stamp in enumerate((5, 9, 8, 10))
-    ] + [("/b", bag_makers.BEGIN, 0, view_bags.odometry(0, 0.0, 0.0, 0.0))]
+        (topic, time, 0, view_bags.odometry(stamp, 0, 0, 0)) for time, (topic, stamp) in zip(times, stamps, strict=True)
+    ]
     found = read_info(bag_makers.write_folder(tmp_path / "run", rows))
     assert not passes(found, "monotone_stamps", True, "/a")
-    assert passes(found, "stamped", True, "/a")
     assert not passes(found, "stamped", True, "/b")
-    assert ("/a", "monotone_stamps") not in results(found, topics={"/a": {"monotone_stamps": False}})
 
 
 def test_what_is_not_measured_or_missing_fails(info):
@@ -106,31 +101,9 @@ def test_what_is_not_measured_or_missing_fails(info):
     for rule, bound in bounds.items():
         assert not passes(info, rule, bound, "/cmd_vel"), rule
     assert not passes(info, "min_white", 0.0)
-    topics = {
-        "/cmd_vel": {"max_gap": 9.0, "reliability": "reliable", "durability": "transient_local"},
-        "/odom": {"min_rate": 9.0, "stamped": True},
-        "/scan": {"min_rate": 1.0, "type": TYPE},
-        "/other": {"min_rate": 1.0, "required": False},
-    }
+    topics = {"/odom": {}, "/scan": {"min_rate": 1.0}, "/other": {"min_rate": 1.0, "required": False}}
     found = results(info, topics=topics)
-    assert [one.line() for one in found.values() if one.rule != "required"] == [
-        "FAIL /cmd_vel max_gap: not measured, must be <= 9 s",
-        "FAIL /cmd_vel reliability: best_effort and reliable, must be reliable",
-        "PASS /cmd_vel durability: transient_local, must be transient_local",
-        "PASS /odom min_rate: 9.52381 Hz, must be >= 9 Hz",
-        "PASS /odom stamped: true, must be true",
-    ]
-    assert [found[topic, "required"].passed for topic in topics] == [True, True, False, True]
-
-
-@given(st.floats(1e-9, 1e9), st.sampled_from((1, -1)))
-def test_bounds_of_a_draft_are_rounded_outwards_to_two_digits(size, sign):
-    value = sign * size
-    low, high = contract_draft.round_down(value), contract_draft.round_up(value)
-    assert low <= value <= high
-    assert high - low <= 0.1 * size * (1 + 1e-9)
-    assert all(float(f"{bound:.1e}") == pytest.approx(bound, rel=1e-14) for bound in (low, high))
-    assert contract_draft.round_down(0.0) == contract_draft.round_up(0.0) == 0.0
+    assert [found[topic, "required"].passed for topic in topics] == [True, False, True]
 
 
 def test_a_draft_refuses_a_bag_at_half_the_rate_with_a_longer_gap(info, tmp_path):
@@ -151,42 +124,20 @@ def test_a_draft_refuses_a_bag_at_half_the_rate_with_a_longer_gap(info, tmp_path
     }
 
 
-@pytest.fixture
-def contract(tmp_path):
-    def read(text):
-        path = tmp_path / "contract.yaml"
-        path.write_text(text, encoding="utf-8")
-        return read_contract(path)
-
-    return read
-
-
-WRONG = {
-    "no map": ("[1]", "the contract = [1]: must be a map"),
-    "a truth for a version": ("version: true", "version = True: must be 1"),
-    "unknown section": ("version: 1\ntopic: {}", "'topic' is unknown: must be one of version, bag, topics, forbidden"),
-    "negative rate": ("version: 1\ntopics: {/a: {min_rate: -1}}", "/a: min_rate = -1.0: must be >= 0 and <= 1e+10"),
-    "nan": (
-        "version: 1\ntopics: {/a: {max_gap: .nan}}",
-        "/a: max_gap = nan: must be >= 0 and <= 1e+10 (inf: no limit)",
-    ),
-    "bounds that cross": (
-        "version: 1\ntopics: {/a: {min_rate: 2, max_rate: 1}}",
-        "/a: min_rate = 2.0: must be <= max_rate = 1.0",
-    ),
-    "a relative name": ("version: 1\ntopics: {odom: {}}", "topics: 'odom': must be the full name of a topic"),
-    "required and forbidden": ("version: 1\ntopics: {/a: {}}\nforbidden: [/a]", "must be in one of them"),
-    "a rule twice": ("version: 1\ntopics: {/a: {max_gap: 1, max_gap: 9}}", "'max_gap' stands there twice"),
-    "too large": (" " * (MAX_BYTES + 1), "is too large"),
-}
-
-
-@pytest.mark.parametrize("name", WRONG)
-def test_what_is_wrong_is_refused_in_one_line(contract, name):
-    text, expected = WRONG[name]
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("version: 1\ntopic: {}", "'topic' is unknown: must be one of version, bag, topics, forbidden"),
+        ("version: 1\ntopics: {/a: {min_rate: -1}}", "/a: min_rate = -1.0: must be >= 0 and <= 1e+10"),
+        ("version: 1\ntopics: {/a: {min_rate: 2, max_rate: 1}}", "/a: min_rate = 2.0: must be <= max_rate = 1.0"),
+        ("version: 1\ntopics: {/a: {}}\nforbidden: [/a]", "must be in one of them"),
+    ],
+)
+def test_what_is_wrong_is_refused_in_one_line(tmp_path, text, expected):
+    path = tmp_path / "contract.yaml"
+    path.write_text(text, encoding="utf-8")
     with pytest.raises(DiffbotError) as error:
-        contract(text)
+        read_contract(path)
     assert expected in str(error.value)
     assert "contract.yaml" in str(error.value)
     assert str(error.value).isprintable()
-    assert len(str(error.value)) < 700

@@ -40,11 +40,3 @@ def test_share_of_the_windows_of_single_measurements(scale, low, high):
     inside = (sums >= scipy.stats.chi2.ppf(0.025, counts)) & (sums <= scipy.stats.chi2.ppf(0.975, counts))
     assert result(LABELLED, "/ekf/nis", messages) == Consistency(pytest.approx(inside.mean()), None)
     assert low <= inside.mean() <= high
-
-
-def test_numbers_with_other_labels_show_nothing():
-    messages = [nis_message(("a", "b", "c"), 1.0, 2.0, 1.0)] * 60
-    assert result(LABELLED, "/ekf/nis", messages) == Consistency(None, None)
-    observer = observers_for({"/ekf/nis": LABELLED})["/ekf/nis"]
-    observer.add(1, b"\0\1\0\0\xff\xff\xff\xff")
-    assert observer.result() == Consistency(None, None)

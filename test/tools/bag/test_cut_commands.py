@@ -26,7 +26,6 @@ def run(*arguments):
     ("flags", "start", "end"),
     [
         (("--from", "0.5s", "--to", "end-0.5s"), BEGIN + S // 2, LAST + 1 - S // 2),
-        (("--last", "0.25"), LAST + 1 - S // 4, LAST + 1),
         (("--from", "1700000000.5", "--to", "start + 1s"), BEGIN + S // 2, BEGIN + S),
     ],
 )
@@ -49,15 +48,10 @@ def test_a_merge_of_what_a_filter_took_apart_is_the_bag(bag, tmp_path):
 
 
 def test_a_span_outside_of_the_bag_is_one_line(bag, tmp_path, capsys):
-    for flags, words in (
-        (("--from", "2s"), "from = '2s': must be before the end of the bag (the bag lasts 1.99"),
-        (("--from", "10"), "from = '10': must be in the bag (1700000000.000000000 to 17"),
-        (("--from", "1s", "--to", "1s"), "from = '1s': must be before to = '1s'"),
-    ):
-        assert run("trim", bag, tmp_path / "part", *flags) == 1
-        written = capsys.readouterr()
-        assert (written.out, written.err.count("\n")) == ("", 1)
-        assert written.err.startswith(f"diffbot: {words}")
+    assert run("trim", bag, tmp_path / "part", "--from", "2s") == 1
+    written = capsys.readouterr()
+    assert (written.out, written.err.count("\n")) == ("", 1)
+    assert written.err.startswith("diffbot: from = '2s': must be before the end of the bag (the bag lasts 1.99")
     assert list(tmp_path.iterdir()) == []
 
 

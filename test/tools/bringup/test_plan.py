@@ -59,32 +59,15 @@ def test_each_argument_reaches_its_nodes(tmp_path):
         "recorder": {**wall, "uri": str(tmp_path / "run")},
         "ekf": {**wall, "frame_prefix": "r1/", "autostart": False},
         "controller": {
-            **wall,
-            "preset": "paper",
-            "enable_stamped_cmd_vel": True,
-            "frame_prefix": "r1/",
-            "autostart": False,
+            **wall, "preset": "paper", "enable_stamped_cmd_vel": True, "frame_prefix": "r1/", "autostart": False,
         },
         "plant": {
-            **wall,
-            "clock": "wall",
-            "enable_stamped_cmd_vel": True,
-            "frame_prefix": "r1/",
-            "initial_pose.x": 1.0,
-            "initial_pose.y": 2.0,
-            "initial_pose.yaw": 0.5,
-            "seed": 3,
+            **wall, "clock": "wall", "enable_stamped_cmd_vel": True, "frame_prefix": "r1/", "initial_pose.x": 1.0,
+            "initial_pose.y": 2.0, "initial_pose.yaw": 0.5, "seed": 3,
         },
-    }
+    }  # fmt: skip
     for node in nodes:
         build(CONFIGS[node.name], {name: value for name, value in node.parameters.items() if name != "use_sim_time"})
-
-
-def test_one_process_gets_the_parameters_of_both_nodes():
-    (node,) = robot(composed="true", preset="paper", stamped_cmd_vel="true", autostart="false")
-    assert (node.executable, node.name) == ("robot_node", "")
-    given = {"preset": "paper", "enable_stamped_cmd_vel": True, "autostart": False}
-    assert node.parameters == {"use_sim_time": False, **given}
 
 
 @pytest.mark.parametrize(
@@ -103,13 +86,6 @@ def test_all_follow_the_clock_of_the_plant_that_publishes_it(clock, reliable, id
         }  # fmt: skip
 
 
-def test_namespace_log_level_and_tf_are_those_of_every_node():
-    for node in simulation(namespace="r1", log_level="warn", rviz="true", description="true"):
-        assert (node.namespace, node.ros_arguments) == ("r1", ("--log-level", "warn"))
-        assert node.remappings == (("/tf", "tf"), ("/tf_static", "tf_static"))
-    assert {node.remappings for node in simulation(frame_prefix="r1/", rviz="true")} == {()}, "they share tf"
-
-
 def test_the_parameter_file_is_the_packages_or_the_users(tmp_path):
     assert {node.files for node in robot()} == {(str(ROOT / "config" / "diffbot.yaml"),)}
     mine = tmp_path / "mine.yaml"
@@ -122,22 +98,6 @@ def test_the_parameter_file_is_the_packages_or_the_users(tmp_path):
         mine.write_text(f"{section}: {{ros__parameters: {{}}}}")
         nodes = robot(parameters=str(mine))
         assert [node.name for node in nodes if node.files == (str(mine),)] == executables
-
-
-def test_description_and_rviz_end_nothing(tmp_path):
-    urdf = tmp_path / "mine.urdf"
-    urdf.write_text("<robot name='mine'/>")
-    nodes = robot(description="true", rviz="true", urdf=str(urdf), frame_prefix="r1/", use_sim_time="true")
-    publisher, rviz = nodes[-2:]
-    assert [node.executable for node in nodes if node.required] == ["ekf_node", "controller_node"]
-    assert (publisher.package, publisher.optional) == ("robot_state_publisher", True)
-    assert publisher.parameters == {
-        "use_sim_time": True,
-        "frame_prefix": "r1/",
-        "robot_description": "<robot name='mine'/>",
-    }
-    assert rviz.arguments == ("-d", str(ROOT / "rviz" / "diffbot.rviz"))
-    assert (rviz.package, rviz.optional, rviz.parameters) == ("rviz2", False, {"use_sim_time": True})
 
 
 def test_a_simulation_stays_on_its_host_and_a_robot_is_restricted_on_request():
@@ -156,11 +116,8 @@ def test_a_simulation_stays_on_its_host_and_a_robot_is_restricted_on_request():
 @pytest.mark.parametrize(
     ("texts", "line"),
     [
-        ({"preset": "fast"}, "preset = 'fast': must be one of tuned, precise, paper_covariance, paper"),
         ({"yaw": "north"}, "yaw = 'north': must be a number, >= -1000 and <= 1000"),
         ({"namespace": "my robot"}, "namespace = 'my robot': must be words of letters, digits and _ with / between"),
-        ({"frame_prefix": "/r1/"}, "frame_prefix = '/r1/': must be letters, digits, _, - and /, without a leading /"),
-        ({"parameters": "none.yaml"}, "parameters = 'none.yaml': must be an existing file"),
         ({"composed": "true", "localization": "false"}, "composed = True: must be false with localization:=false"),
     ],
 )
@@ -177,7 +134,5 @@ def test_a_bag_is_a_new_folder_in_that_of_the_launch(tmp_path, monkeypatch):
     assert parse(ROBOT, {"bag": "run"})["bag"] == str(tmp_path / "run")
     assert parse(ROBOT, {"bag": "~/run"})["bag"] == str(tmp_path / "home" / "run")
     (tmp_path / "folder").mkdir()
-    (tmp_path / "broken link").symlink_to(tmp_path / "none")
-    for name in ("folder", "broken link"):
-        with pytest.raises(InvalidValueError, match=r"^bag = .*: must be a folder that does not exist yet$"):
-            parse(ROBOT, {"bag": name})
+    with pytest.raises(InvalidValueError, match=r"^bag = .*: must be a folder that does not exist yet$"):
+        parse(ROBOT, {"bag": "folder"})

@@ -15,7 +15,6 @@ from robot import planar, stamp
 
 from diffbot_tools import cli
 from diffbot_tools.demo.command import _make_room_for_bag
-from diffbot_tools.demo.processes import NodeProcesses, localhost_discovery
 
 pytestmark = pytest.mark.graph
 
@@ -146,19 +145,6 @@ def test_a_node_that_ends_ends_the_demo_and_leaves_no_results_of_an_earlier_run(
         assert "diffbot: plant ended with status 0" in process.output
         assert not any(map(is_running, nodes))
     assert sorted(entry.name for entry in out.iterdir()) == ["bag", "log"]
-
-
-def test_nodes_of_a_private_graph_have_no_shared_memory(tmp_path):
-    with NodeProcesses(int(os.environ["ROS_DOMAIN_ID"]), tmp_path) as nodes:
-        process = nodes.start("recorder", "diffbot_bag.recorder_node", {"uri": str(tmp_path / "bag")})
-        graph.wait_for(lambda: "]: ready" in (tmp_path / "recorder.log").read_text(), what="the recorder")
-        assert nodes.failed() == ""
-        assert "/dev/shm/fastrtps" not in Path(f"/proc/{process.pid}/maps").read_text()
-
-
-def test_other_middleware_than_fast_dds_stays_on_this_machine_by_the_variable_of_ros(monkeypatch):
-    monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp")
-    assert localhost_discovery() == {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
 
 
 STARTER = """

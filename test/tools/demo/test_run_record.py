@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import view_bags
 
-from diffbot_core.errors import DiffbotError
 from diffbot_core.geometry import Pose
 from diffbot_tools.demo.run_record import RunRecord, evaluate, read_run
 
@@ -75,24 +74,6 @@ def test_a_goal_begins_by_its_stamp_if_that_is_of_this_run(read):
     assert [time for time, _ in record.goals] == pytest.approx([3.0, 6.0])
 
 
-def test_another_robots_topics_are_not_taken(read):
-    record = read(
-        odometry("/ground_truth", 0.0, 9.0, 9.0, 0.0),
-        odometry("/r2/ground_truth", 1.0, 1.0, 2.0, 0.0),
-        estimate("/r2/pose", 2.0, 1.5, 2.0, 0.0),
-        namespace="/r2",
-    )
-    np.testing.assert_allclose(record.truth, [[0.0, 1.0, 2.0, 0.0]])
-    np.testing.assert_allclose(record.estimate, [[1.0, 1.5, 2.0, 0.0]])
-    assert record.odometry.shape == record.fixes.shape == (0, 4)
-    assert (record.messages, record.lost, record.goals) == (3, 0, [])
-
-
-def test_a_bag_without_truth_is_refused(read):
-    with pytest.raises(DiffbotError, match="made_up: no /r2/ground_truth in it"):
-        read(odometry("/ground_truth", 0.0, 1.0, 2.0, 0.0), namespace="/r2")
-
-
 def line(goals, estimate=NOTHING):
     """Return a record of a robot that drives along x with 1 m/s for 10 s."""
     time = np.arange(0.0, 10.5, 0.5)
@@ -112,11 +93,3 @@ def test_each_goal_is_evaluated_over_its_own_time():
     assert found == [pytest.approx((0.0, 4.0, 4.0, 3.0)), pytest.approx((0.5, 6.5, 6.0, 5.5))]
     assert (first.goal.x, first.estimation_error) == (4.0, pytest.approx(0.1))
     assert (second.goal.x, second.estimation_error) == (10.5, pytest.approx(0.3))
-
-
-def test_a_goal_without_any_truth_is_left_out():
-    goals = [(1.0, Pose(4.0, 0.0, 0.0)), (1.1, Pose(5.0, 0.0, 0.0)), (1.2, Pose(6.0, 0.0, 0.0))]
-    found = evaluate(line([*goals, (50.0, Pose(7.0, 0.0, 0.0))]), 1.0, 0.1)
-    assert [result.goal.x for result in found] == [4.0, 6.0]
-    # Without an estimate, there is no error of it.
-    assert all(math.isnan(result.estimation_error) for result in found)

@@ -1,41 +1,12 @@
-"""Figures of a run against cases computed by hand."""
+"""The consistency of a filter run, of innovations whose correlation is known."""
 
 import math
 
 import numpy as np
 import pytest
 
-from diffbot_control.filter.gated_filter import Belief
-from diffbot_control.filter.localization import FilterEstimate
-from diffbot_core.errors import DiffbotError
-from diffbot_core.geometry import Pose
-from diffbot_tools.refilter.comparison import consistency_of, errors_of, figures_of
+from diffbot_tools.refilter.comparison import consistency_of
 from diffbot_tools.refilter.filter_run import Innovation
-from diffbot_tools.trajectory import Trajectory
-
-SECOND = 10**9
-P = np.diag([0.04, 0.01, 0.0025])
-
-
-def estimate(stamp, *pose):
-    return FilterEstimate(stamp, Pose(*pose), P, None, Belief(np.array(pose), P))
-
-
-def test_gaps_and_times_outside_are_left_out():
-    stamps = np.array([SECOND, SECOND + 100, 3 * SECOND], dtype=np.int64)
-    truth = Trajectory(stamps, np.zeros((3, 3)))
-    estimates = [estimate(t, 1.0, 0.0, 0.0) for t in (SECOND - 1, SECOND, SECOND + 50, 2 * SECOND, 3 * SECOND + 1)]
-    assert len(errors_of(estimates, truth).error) == 2
-    with pytest.raises(DiffbotError, match="no estimate at a time with a true pose"):
-        errors_of(estimates[3:], truth)
-
-
-def test_without_true_heading_only_the_position_counts():
-    truth = Trajectory(np.array([0, 100], dtype=np.int64), np.array([[0.0, 0.0, np.nan]] * 2))
-    figures = figures_of(errors_of([estimate(0, 0.2, 0.1, 2.0), estimate(100, 0.0, 0.0, 1.0)], truth))
-    assert (figures.nees, figures.nees_numbers) == (pytest.approx(1.0), 2)
-    assert math.isnan(figures.heading_rmse)
-    assert figures.largest == pytest.approx(math.hypot(0.2, 0.1))
 
 
 def innovations(rng, count, c, source=("Fix", ())):

@@ -33,7 +33,6 @@ def test_a_drive_without_a_fault():
     ("role", "begin", "end", "words"),
     [
         ("fixes", 5.05, 9.95, "No fix for 5.0 s"),
-        ("odometry", 12.05, 99.0, "No odometry for 6.0 s"),
         ("estimate", 0.0, 7.05, "No pose from the filter for 5.1 s"),
         ("command", 5.05, 6.95, None),
     ],
@@ -65,13 +64,8 @@ def test_a_wheel_that_slips_is_named():
     assert float(text.split()[-2]) == pytest.approx(3.0, abs=0.15)
 
 
-@pytest.mark.parametrize(
-    ("offset", "turn", "words"), [(0.4, 0.0, "0.40 m and 0 deg"), (0.0, np.pi, "0.00 m and 180 deg")]
-)
-def test_fixes_that_are_wrong(offset, turn, words):
+def test_fixes_that_are_wrong():
     curves = drive()
     fixes = curves["fixes"]
-    curves["fixes"] = fixes | {"y": fixes["y"] + offset, "theta": fixes["theta"] + turn}
-    ((level, text),) = found(curves)
-    assert level == ERROR
-    assert text == f"The fixes were {words} off the truth"
+    curves["fixes"] = fixes | {"y": fixes["y"] + 0.4, "theta": fixes["theta"] + np.pi}
+    assert found(curves) == [(ERROR, "The fixes were 0.40 m and 180 deg off the truth")]

@@ -105,17 +105,6 @@ def test_a_recording_that_begins_within_a_goal_knows_its_whole_time(tmp_path):
     ]
 
 
-def test_a_goal_that_is_held_since_before_the_recording_is_none_of_its_goals(tmp_path):
-    goals = (("a", 1.0, 1.0, True, "reached", 3.0), ("b", 7.0, 2.0, True, "replaced", 8.0))
-    robot = rows_of(tmp_path, goals, True, True, begin=5.0, before=(("a", "reached"),))
-    assert [(row["goal"][0], row["end"]) for row in robot["summary"]] == [(2.0, "replaced [request]")]
-    assert [one[3] for one in robot["events"] if one[1] in ("goal", "end")] == [
-        "goal 1: x 2.00 m, y 0.00 m, 0 deg",
-        "goal replaced [request]",
-    ]
-    assert [goal[1] for goal in robot["goals"]] == [1.0, 2.0], "both are on the map"
-
-
 def test_a_goal_that_the_controller_never_accepted_has_no_answer_and_takes_none(tmp_path):
     path = tmp_path / "bag"
     extra = [("/goal_pose", BEGIN + int(2.9 * SECOND), view_bags.goal(0, 9.0, 0.0, 0.0))]

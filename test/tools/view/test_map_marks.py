@@ -95,7 +95,7 @@ def drawn(page, time, colour):
 
 
 @pytest.mark.graph
-def test_the_page_draws_the_path_while_it_holds_and_the_landmarks_in_view_and_the_near_region(page):
+def test_the_page_draws_the_path_while_it_holds_and_the_landmarks_in_view(page):
     left, top = page.get("diffbotPage.view.toWorld(0, 0)")
     right, bottom = page.get("diffbotPage.view.toWorld(diffbotPage.view.width, diffbotPage.view.height)")
     assert all(left < x < right and bottom < y < top for x, y in (TREE, POST, *CORNERS))
@@ -109,34 +109,14 @@ def test_the_page_draws_the_path_while_it_holds_and_the_landmarks_in_view_and_th
     in_view, out_of_view = drawn(page, 7.0, LANDMARK), drawn(page, 4.0, LANDMARK)
     # The inside of one diamond of 7 pixels.
     assert 40 < in_view - out_of_view < 110
-    box = page.tab.locator("#legend label", has_text="landmarks").locator("input")
-    box.uncheck()
-    assert drawn(page, 7.0, LANDMARK) < 0.3 * out_of_view
-    box.check()
     assert page.errors == []
-    # The radius eps_P is 0.4 m in this bag; Omega_L holds from 5 s on.
-    page.get("Object.assign(diffbotPage.view, { x: 2, y: 0.5, scale: 300, follow: false })")
-    page.next_frame()
-    x, y = page.get("diffbotPage.view.toScreen(2, 0.5)")
-    near = {}
-    for time in (4.9, 7.0):
-        page.get(f"diffbotPage.player.go({time})")
-        page.next_frame()
-        pixel = "Array.from(document.getElementById('map').getContext('2d').getImageData({}, {}, 1, 1).data)"
-        # Inside the circle of 0.4 m and outside, off the axes of the arrow and the grid.
-        near[time] = [page.get(pixel.format(x + 300 * r * 0.6, y + 300 * r * 0.8)) for r in (0.36, 0.44)]
-    assert near[7.0][0] != near[4.9][0]
-    assert near[7.0][1] == near[4.9][1]
-
-
-def cloud_of(stamp, *landmarks, frame="base_link"):
-    return read_cloud(view_bags.data_of(view_bags.cloud(stamp, *landmarks, frame=frame)))
 
 
 def test_a_live_cloud_waits_for_the_estimate_of_its_time():
     placer = LandmarkPlacer()
     placer.add_pose(BEGIN, Pose(0.0, 0.0, 3.0))
-    placer.add_cloud(cloud_of(BEGIN + 50_000_000, (4, 1.0, 0.0), (5, 1.0, 2.0, math.inf)))
+    cloud = view_bags.cloud(BEGIN + 50_000_000, (4, 1.0, 0.0), (5, 1.0, 2.0, math.inf))
+    placer.add_cloud(read_cloud(view_bags.data_of(cloud)))
     assert placer.newest() is None
     # The heading passes pi: halfway it is 3.1, not 0.
     placer.add_pose(BEGIN + 100_000_000, Pose(2.0, 0.0, 3.2 - 2.0 * math.pi))
@@ -144,15 +124,9 @@ def test_a_live_cloud_waits_for_the_estimate_of_its_time():
     assert stamp == BEGIN + 50_000_000
     assert found == [pytest.approx([1.0 + math.cos(3.1), math.sin(3.1), 4])]
     assert placer.newest() is None
-    # A new run does not wait for the old time.
-    placer.add_cloud(cloud_of(BEGIN + 10**13, (4, 1.0, 0.0)))
-    for step in range(3):
-        placer.add_pose(BEGIN - 10**9 + step * 10**8, Pose(float(step), 0.0, 0.0))
-    placer.add_cloud(cloud_of(BEGIN - 9 * 10**8, (4, 1.0, 0.0)))
-    assert placer.newest() == (BEGIN - 9 * 10**8, [pytest.approx([2.0, 0.0, 4])])
 
 
-CERTAIN, LOST = Uncertainty(0.01, 0.01), Uncertainty(0.3, 0.01)
+CERTAIN = Uncertainty(0.01, 0.01)
 DOCK = Pose(3.0, 1.0, 0.5)
 
 
@@ -172,14 +146,3 @@ def test_dock_and_detections_are_placed_by_the_estimates_of_their_own_time():
     found = placer.newest()
     assert found["pose"] == pytest.approx([3.0, 1.0, 0.5])
     assert found["detections"] == [pytest.approx([3.0, 1.0]), pytest.approx([3.02, 0.97])]
-
-
-def test_a_dock_that_the_filter_has_lost_or_of_an_earlier_run_is_not_shown():
-    placer = DockPlacer()
-    for stamp in (BEGIN, BEGIN - 10**9):
-        placer.add_pose(stamp, Pose(0.0, 0.0, 0.0))
-        assert placer.newest() is None
-        placer.add_dock_pose(stamp, Pose(-1.0, 0.0, 0.0), CERTAIN)
-        assert placer.newest()["pose"] == pytest.approx([1.0, 0.0, 0.0])
-    placer.add_dock_pose(BEGIN, Pose(-1.0, 0.0, 0.0), LOST)
-    assert placer.newest() is None

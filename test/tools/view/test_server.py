@@ -1,11 +1,9 @@
 """The page's server: who may connect, what may be asked, and that a browser that does not read holds nobody up."""
 
-import contextlib
 import http.client
 import json
 import math
 import socket
-from contextlib import ExitStack
 
 import graph
 import pytest
@@ -14,12 +12,10 @@ from websockets.sync.client import connect
 
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.geometry import Pose
-from diffbot_tools.view import connections
-from diffbot_tools.view.connections import MAX_OPENING
 from diffbot_tools.view.events import Event
-from diffbot_tools.view.intake import MAX_MESSAGE, Request, read_request
+from diffbot_tools.view.intake import Request, read_request
 from diffbot_tools.view.live_state import COLUMNS, LiveState
-from diffbot_tools.view.server import MAX_BAD, MAX_BROWSERS, Address, PageServer
+from diffbot_tools.view.server import MAX_BAD, Address, PageServer
 
 PATIENCE = graph.PATIENCE
 GOAL = '{"type": "goal", "robot": "robot", "x": %s, "y": %s, "yaw": %s}'
@@ -83,7 +79,7 @@ def test_the_page_needs_its_token(server):
     assert f"connect-src ws://127.0.0.1:{server.port};" in policy
     assert "default-src 'none'" in policy
     assert answer.headers["Referrer-Policy"] == "no-referrer"
-    for path in ("/", "/?token=", "/?token=x", f"/?token={server.token}x", "/?token=%00%C3%A9"):
+    for path in ("/", f"/?token={server.token}x", "/?token=%00%C3%A9"):
         answer, body = get(server, path)
         assert answer.status == 403
         assert server.token not in body
@@ -92,16 +88,12 @@ def test_the_page_needs_its_token(server):
 
 def test_only_numbers_and_localhost_are_names_of_the_server(server):
     """A page of a foreign name may have been rebound to this machine."""
-    port = server.port
-    foreign = ["evil.example", f"evil.example:{port}", "127.0.0.1:1", f"127.0.0.1.evil.example:{port}"]
-    own = [f"localhost:{port}", f"127.0.0.1:{port}", f"[::1]:{port}"]
-    answers = {host: get(server, f"/?token={server.token}", Host=host)[0].status for host in (*foreign, *own)}
-    assert answers == {**dict.fromkeys(foreign, 403), **dict.fromkeys(own, 200)}
+    for host, status in ((f"evil.example:{server.port}", 403), (f"localhost:{server.port}", 200)):
+        assert get(server, f"/?token={server.token}", Host=host)[0].status == status
 
 
 def test_a_foreign_page_or_one_without_the_token_cannot_connect(server):
-    foreign = ("http://evil.example", "null", f"https://127.0.0.1:{server.port}", "http://127.0.0.1:1")
-    for options in ({"token": "guess"}, *({"origin": origin} for origin in foreign)):
+    for options in ({"token": "guess"}, {"origin": "http://evil.example"}, {"origin": "null"}):
         with pytest.raises(InvalidStatus) as error:
             browse(server, **options)
         assert error.value.response.status_code == 403, options
@@ -142,46 +134,8 @@ def test_garbage_is_refused_and_at_last_disconnected(server, requests):
 
         with pytest.raises(ConnectionClosed):
             send_garbage()
-    with browse(server) as browser:
-        browser.send("x" * (MAX_MESSAGE + 1))
-        with pytest.raises(ConnectionClosed):
-            receive(browser, "never")
     assert requests == []
     graph.wait_for(lambda: server.browsers == 0, what="the end of the connections")
-
-
-def test_a_state_that_cannot_be_sent_ends_the_connection_and_is_reported(server, state, errors):
-    """The page connects again; left open, it would wait for ever."""
-    state.put("robot", "plan", object())
-    with browse(server) as browser, pytest.raises(ConnectionClosed):
-        receive(browser, "never")
-    graph.wait_for(lambda: errors, what="the report")
-    assert "not JSON serializable" in str(errors.pop())
-
-
-def test_of_too_many_connections_without_a_request_the_oldest_are_closed(server):
-    def silent():
-        made = socket.create_connection(("127.0.0.1", server.port), timeout=PATIENCE)
-        made.sendall(b"GET /")
-        return made
-
-    with ExitStack() as opened:
-        first = opened.enter_context(silent())
-        for _ in range(MAX_OPENING):
-            opened.enter_context(silent())
-        with contextlib.suppress(ConnectionResetError):
-            assert first.recv(1) == b""
-        assert get(server, f"/?token={server.token}")[0].status == 200
-
-
-def test_too_many_browsers_are_refused(server):
-    with ExitStack() as browsers:
-        for _ in range(MAX_BROWSERS):
-            browsers.enter_context(browse(server))
-        graph.wait_for(lambda: server.browsers == MAX_BROWSERS, what="all browsers")
-        with pytest.raises(InvalidStatus) as error:
-            browse(server)
-        assert error.value.response.status_code == 503
 
 
 def test_a_browser_that_does_not_read_holds_nobody_up_and_then_gets_the_newest(server, state):
@@ -204,23 +158,6 @@ def test_a_browser_that_does_not_read_holds_nobody_up_and_then_gets_the_newest(s
         assert newest(slow) < 1000, "not one for each change"
 
 
-def test_a_browser_that_takes_no_message_in_time_loses_its_connection_alone(server, state, monkeypatch):
-    monkeypatch.setattr(connections, "SEND_TIMEOUT", 4.0)
-    # Pings would find it, too, but later, and not in every version of websockets.
-    monkeypatch.setattr(connections.Connection, "start_keepalive", lambda _: None)
-    small = socket.create_connection(("127.0.0.1", server.port))
-    small.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-    with browse(server, sock=small, max_queue=1, ping_interval=None), browse(server, max_queue=None) as quick:
-        graph.wait_for(lambda: server.browsers == 2, what="both browsers")
-        # More than the system keeps for the one that does not read.
-        for number in range(10):
-            state.put("robot", "status", {"text": f"{number} " + 10**6 * "x"})
-            receive(quick, "state")
-        graph.wait_for(lambda: server.browsers == 1, what="the end of the one that does not read")
-        state.put("robot", "plan", [])
-        receive(quick, "state")
-
-
 def test_a_port_in_use_is_one_line(server, state):
     second = PageServer(state, {}, lambda *_: None, [].append, Address(port=server.port))
     with pytest.raises(DiffbotError, match=f"cannot listen on 127.0.0.1 port {server.port}") as error:
@@ -234,9 +171,7 @@ def test_a_port_in_use_is_one_line(server, state):
         ("[" * 3000, "message"),
         ('{"type": ["goal"], "robot": "robot"}', "type"),
         (GOAL % ("NaN", 2, 0), "x"),
-        (GOAL % ("1" + "0" * 4000, 2, 0), "x"),
         (GOAL % (1, 2e7, 0), "y"),
-        ('{"type": "record", "robot": "robot"}', "on"),
     ],
 )
 def test_bad_requests_are_refused_by_field(message, field):
@@ -244,18 +179,3 @@ def test_bad_requests_are_refused_by_field(message, field):
         read_request(message, ["robot"])
     assert "\n" not in str(error.value)
     assert len(str(error.value)) < 200
-
-
-def test_actions_switches_and_wrapped_headings():
-    assert read_request('{"type": "cancel", "robot": "robot"}', ["robot"]) == Request("cancel", "robot")
-    assert read_request('{"type": "pause", "robot": "robot", "on": true}', ["robot"]).is_on is True
-    assert read_request(GOAL % (0, 0, 7), ["robot"]).pose.theta == pytest.approx(7.0 - 2.0 * math.pi)
-
-
-def test_history_is_thinned_and_begins_anew_when_time_jumps_back(state):
-    for step in range(128):
-        state.put_row("robot", "estimate", (step / 32, float(step), *[0.0] * 6))
-    (message,) = state.history()
-    assert [row[1] for row in message["rows"]] == list(range(0, 128, 4))
-    state.put_row("robot", "estimate", (0.5, 7.0, *[0.0] * 6))
-    assert [row[1] for row in state.history()[0]["rows"]] == [7.0]

@@ -1,11 +1,9 @@
-"""Thinning keeps every peak; packing fits any number, see test_page.py for what the page unpacks."""
+"""Thinning keeps every peak."""
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from diffbot_tools.view.packing import UNIT, pack
 from diffbot_tools.view.thinning import kept_rows
 
 
@@ -21,10 +19,3 @@ def test_the_peaks_of_every_column_stay_whatever_is_missing(seed, n, missing):
     assert set(places) <= set(kept.tolist())
     assert (kept[0], kept[-1]) == (0, n - 1)
     assert np.all(np.diff(kept) > 0)
-
-
-def test_numbers_that_would_not_fit_get_a_coarser_unit():
-    assert pack(np.array([1e4, -1e4]), UNIT)[0] == UNIT
-    unit, data = pack(np.array([1e7]), UNIT)
-    assert unit == pytest.approx(1e7 / 2**30)
-    assert int.from_bytes(data, "little") == 2**30
