@@ -1,10 +1,13 @@
 """Wheel speeds and twists, against the paper's numbers, and matrices."""
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from diffbot_core.data_sheet import UNLIMITED, DataSheet, rim_speed
 from diffbot_core.kinematics import (
     WheelGeometry,
     WheelSpeeds,
@@ -40,6 +43,14 @@ def test_twist_covariance_is_g_diag_g(sigma_left, sigma_right, geometry):
     expected = G @ np.diag([sigma_left**2, sigma_right**2]) @ G.T
     var_v, cov, var_omega = twist_covariance(sigma_left, sigma_right, geometry)
     np.testing.assert_allclose([[var_v, cov], [cov, var_omega]], expected, rtol=1e-9, atol=1e-12)
+
+
+def test_the_rims_of_the_default_robot_are_as_fast_as_itself():
+    # 1.3 m/s straight on, and 2.6 rad/s on the spot with wheels 0.6 m apart: each is within 1.3 m/s.
+    assert rim_speed(DataSheet()) == pytest.approx(DataSheet().v_max)
+    assert rim_speed(DataSheet()) >= DataSheet().omega_max * 0.3
+    assert rim_speed(DataSheet(wheel_max=10.0, wheels=WheelGeometry(0.1, 0.5))) == 1.0
+    assert rim_speed(UNLIMITED) == math.inf
 
 
 def test_a_resting_wheel_still_has_some_noise():

@@ -17,6 +17,30 @@ from diffbot_core.errors import DiffbotError, InvalidValueError, ReplacedNameErr
 from diffbot_core.schema import Parameter, Spec, build, checked, parameters_of, replaced_by, to_dict
 
 
+class Inner(NamedTuple):
+    words: Annotated[tuple[str, ...], Spec("some words")] = ()
+    numbers: Annotated[tuple[float, ...], Spec("some numbers", minimum=0.0)] = ()
+
+
+class Choice(NamedTuple):
+    colour: Annotated[
+        int, Spec("a word held as its index", choices=("red", "green", "blue"), replaces=("is_green", "hue"))
+    ] = 2
+
+
+class Nested(NamedTuple):
+    inner: Inner = Inner()
+    choice: Choice = Choice()
+
+
+class Checking(NamedTuple):
+    value: Annotated[float, Spec("value")] = 0.0
+
+    def check(self):
+        if self.value > 1.0:
+            raise ValueError("too\nlarge")
+
+
 def is_config(thing):
     hints = getattr(thing, "__annotations__", {}).values()
     return inspect.isclass(thing) and hasattr(thing, "_fields") and any("Spec(" in str(h) for h in hints)
@@ -98,56 +122,31 @@ def test_defaults_are_built_from_nothing_and_come_back(name):
         (ControllerConfig, {"settling_steps": 2.0}, "settling_steps = 2.0: must be a whole number"),
         (ControllerConfig, {"stateful": 1}, "stateful = 1: must be true or false"),
         (ControllerConfig, {"eps_P": 0.8}, "eps_P_leave = 0.6: must be >= eps_P = 0.8"),
+        (Gains, {"gama": 1.0}, "gama = 1.0: must be a known name (gamma, h, k, k_2)"),
+        # The field's own name is not known where a parameter name stands beside it.
+        (DataSheet, {"a_max": 1.0}, "a_max = 1.0: must be a known name ("),
+        (DataSheet, {"linear.x.max_velocity": 0.1, "min_velocity": 0.2}, "min_velocity = 0.2: must be "),
+        (DataSheet, {"min_rotation": 2.7}, "min_rotation = 2.7: must be "),
+        (Inner, {"numbers": [1.0, -1.0]}, "numbers = -1.0: must be "),
+        (Inner, {"words": ["a", 3]}, "words = 3: must be a text"),
+        (Checking, {"value": 2.0}, "Checking: too large"),
     ],
 )
 def test_messages_name_parameter_value_and_bound(config, values, message):
-    with pytest.raises(InvalidValueError) as caught:
+    with pytest.raises(DiffbotError) as caught:
         build(config, values)
-    assert str(caught.value) == message
-
-
-def test_an_unknown_name_is_refused_with_those_known():
-    with pytest.raises(InvalidValueError, match=r"gama = 1\.0: must be a known name") as caught:
-        build(Gains, {"gama": 1.0})
-    assert "(gamma, h, k, k_2)" in str(caught.value)
-    # The field's own name is none where a parameter name stands beside it.
-    with pytest.raises(InvalidValueError, match=r"a_max = 1\.0: must be a known name"):
-        build(DataSheet, {"a_max": 1.0})
+    assert str(caught.value).startswith(message)
+    assert "\n" not in str(caught.value)
 
 
 def test_a_base_keeps_what_is_not_named():
     base = build(SupervisorConfig, {"gamma": 1.0, "eps_P": 0.3, "hold_goal": False})
     found = build(SupervisorConfig, {"k": 2, "eps_P_leave": 0.35}, base)
+    assert repr(build(Inner, {"words": ["a"], "numbers": [1, 2.5]}).numbers) == "(1.0, 2.5)"
     assert found.controller.gains == Gains(gamma=1.0, k=2.0)
     assert isinstance(found.controller.gains.k, float)
     assert found.controller.region_policy.fixed == (0.3, 0.35)
     assert found.hold_goal is False
-
-
-class Inner(NamedTuple):
-    words: Annotated[tuple[str, ...], Spec("some words")] = ()
-    numbers: Annotated[tuple[float, ...], Spec("some numbers", minimum=0.0)] = ()
-
-
-class Choice(NamedTuple):
-    colour: Annotated[
-        int, Spec("a word held as its index", choices=("red", "green", "blue"), replaces=("is_green", "hue"))
-    ] = 2
-
-
-class Nested(NamedTuple):
-    inner: Inner = Inner()
-    choice: Choice = Choice()
-
-
-def test_lists():
-    found = build(Inner, {"words": ["a", "b"], "numbers": [1, 2.5]})
-    assert found == (("a", "b"), (1.0, 2.5))
-    assert all(isinstance(number, float) for number in found.numbers)
-    with pytest.raises(InvalidValueError, match=r"numbers = -1\.0: must be"):
-        build(Inner, {"numbers": [1.0, -1.0]})
-    with pytest.raises(InvalidValueError, match="words = 3: must be a text"):
-        build(Inner, {"words": ["a", 3]})
 
 
 def test_a_coded_choice_is_a_word_outside_and_its_index_inside():
@@ -180,20 +179,6 @@ def test_numbers_that_yaml_reads_as_texts_are_floats_and_other_texts_are_none():
     for text in ("2", "nan", "1e", "-inf"):
         with pytest.raises(InvalidValueError, match=r"limit = .*: must be "):
             checked(parameter, text)
-
-
-class Checking(NamedTuple):
-    value: Annotated[float, Spec("value")] = 0.0
-
-    def check(self):
-        if self.value > 1.0:
-            raise ValueError("too\nlarge")
-
-
-def test_a_check_that_raises_a_value_error_becomes_one_line():
-    assert build(Checking, {"value": 1.0}).value == 1.0
-    with pytest.raises(DiffbotError, match=r"^Checking: too large$"):
-        build(Checking, {"value": 2.0})
 
 
 def test_a_field_that_a_configuration_does_not_have_is_answered_with_those_like_it():

@@ -54,11 +54,8 @@ def test_largest_deviation_is_the_longer_axis_of_the_ellipse(one, other, turn):
     c, s = math.cos(turn), math.sin(turn)
     rotation = np.array([[c, -s], [s, c]])
     P = rotation @ np.diag([one**2, other**2]) @ rotation.T
-    found = largest_deviation(P[0, 0], P[0, 1], P[1, 1])
-    assert found == pytest.approx(max(one, other), rel=1e-9)
-    assert found == pytest.approx(math.sqrt(np.linalg.eigvalsh(P)[-1]), rel=1e-12)
+    assert largest_deviation(P[0, 0], P[0, 1], P[1, 1]) == pytest.approx(max(one, other), rel=1e-9)
 
-
-def test_largest_deviation_of_a_line_and_of_what_rounding_leaves_of_nothing():
+    # A line, and what rounding leaves of nothing.
     assert largest_deviation(1.0, -1.0, 1.0) == pytest.approx(math.sqrt(2.0))
     assert largest_deviation(-1e-20, 0.0, -1e-20) == 0.0

@@ -16,7 +16,8 @@ from diffbot_control.ros.goals.client import LOST, GoalClient, Task
 from diffbot_control.ros.navigator import TaskResult
 from diffbot_core.geometry import Pose, out_of_frame
 
-pytestmark = pytest.mark.graph
+SLOW = dict.fromkeys((docks.FROZEN, docks.RELOCATED), pytest.mark.slow)
+"""Faults that the tests of the law and of the sensors try in every run."""
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +43,7 @@ def go_to(scene, x):
 
 
 @tried(10)
-@pytest.mark.parametrize("fault", docks.FAULTS)
+@pytest.mark.parametrize("fault", [pytest.param(one, marks=SLOW.get(one, ())) for one in docks.FAULTS])
 def test_the_robot_meets_its_dock_or_none_and_is_answered(scene, fault, trials):
     for _ in trials:
         done = scene.run(fault)

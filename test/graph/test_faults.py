@@ -5,7 +5,6 @@ from types import SimpleNamespace
 
 import graph
 import one_process
-import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from filter_input import timed
 from geometry_msgs.msg import Twist
@@ -23,12 +22,10 @@ NOT_A_TYPE = 10
 NAMES = ("controller", "plant")
 
 
-@pytest.mark.parametrize("executor", ["events", "single"])
-def test_malformed_calls_and_times_are_refused_counted_and_harmless(executor):
+def test_malformed_calls_and_times_are_refused_counted_and_harmless():
     command = ("run", "controller", "--with", "plant", "--ros-args", "-p", "use_sim_time:=true")
     plant = ("-p", "plant:clock:=scaled", "-p", "plant:publish_clock:=false")
-    diffbot = graph.diffbot(*command, *plant, env=graph.environment(DIFFBOT_EXECUTOR=executor))
-    with graph.peer() as peer, diffbot as process:
+    with graph.peer() as peer, graph.diffbot(*command, *plant) as process:
         process.wait_for_output("[plant]: ready")
         found = peer.subscribe(DiagnosticArray, "/diagnostics", 100)
         bad = Parameter(name="wheel_radius", value=ParameterValue(type=NOT_A_TYPE))

@@ -9,7 +9,7 @@ import numpy as np
 import one_process
 import pytest
 from filter_input import R_FIX, START, VARIANCES, fix, heading, joint_state, odometry
-from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
+from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 from robot import DEEP, planar, pose_stamped, stamp
 
@@ -94,70 +94,62 @@ def changed(message, fields):
     return message
 
 
-def check_drops(fed, log, sent):
-    """Compare counters and log with the (topic, kind) of what was sent: each kind has one short line."""
-    assert fed.node.health.dropped == Counter(sent)
-    lines = [line for line in log.splitlines() if "message dropped" in line]
-    assert len(lines) == len(set(sent))
-    for topic, kind in set(sent):
-        assert len([line for line in lines if f"]: {topic}: message dropped: {kind}" in line]) == 1
-    assert max(map(len, lines)) < 400
+class Spoiler(one_process.Fed):
+    """A node that receives bad messages among good ones."""
+
+    def __init__(self, *given):
+        super().__init__(*given)
+        self.sent = []
+
+    def spoil(self, topic, good, cases):
+        """Send the good message with each of the changes."""
+        for fields, kind in cases:
+            self.send(topic, changed(good, fields))
+            self.sent.append((topic, kind))
+
+    def check_drops(self, log):
+        """Compare counters and log with what was sent: each kind has one short line."""
+        assert self.node.health.dropped == Counter(self.sent)
+        lines = [line for line in log.splitlines() if "message dropped" in line]
+        assert len(lines) == len(set(self.sent))
+        for topic, kind in set(self.sent):
+            assert len([line for line in lines if f"]: {topic}: message dropped: {kind}" in line]) == 1
+        assert max(map(len, lines)) < 400
 
 
 @pytest.mark.parametrize("source", ["odom", "joint_states"])
 def test_filter_goes_on_as_if_the_bad_messages_had_not_come(nodes, source, capfd):
-    fed = one_process.Fed(nodes, EkfNode, {"odometry_source": source, "reliable_inputs": True})
-    poses = nodes.peer.subscribe(PoseWithCovarianceStamped, "pose", DEEP)
-    reference, wheels = Localization(LocalizationConfig()), WheelGeometry()
-    time, sent = START, []
+    fed = Spoiler(nodes, EkfNode, {"odometry_source": source, "reliable_inputs": True})
+    reference, wheels, speeds = Localization(LocalizationConfig()), WheelGeometry(), WheelSpeeds(5.0, 6.0)
+    motion, cases, twist, covariance = odometry, ODOMETRIES, TwistValue(0.4, 0.1), TwistCovariance(*VARIANCES)
+    if source == "joint_states":
+        motion, cases = joint_state, JOINT_STATES
+        twist, covariance = body_twist(speeds, wheels), encoder_covariance(speeds, 0.05, wheels)
 
-    def motion(time):
-        return odometry(time) if source == "odom" else joint_state(time)
-
-    def move():
-        nonlocal time
-        time = round(time + 0.1, 3)
+    def move(time):
         fed.send(source, motion(time))
-        nodes.peer.spin_until(lambda: poses and stamp(poses[-1]) == round(time * 1e9), what="the pose")
-        twist, covariance = TwistValue(0.4, 0.1), TwistCovariance(*VARIANCES)
-        if source == "joint_states":
-            speeds = WheelSpeeds(5.0, 6.0)
-            twist, covariance = body_twist(speeds, wheels), encoder_covariance(speeds, 0.05, wheels)
         expected = reference.on_odometry(OdometryStep(round(time * 1e9), twist, covariance))
-        assert planar(poses[-1].pose.pose) == pytest.approx(tuple(expected.pose), abs=1e-9)
-        P = np.array(poses[-1].pose.covariance).reshape(6, 6)[np.ix_([0, 1, 5], [0, 1, 5])]
-        assert pytest.approx(expected.P, abs=1e-9) == P
-
-    def spoil(topic, good, cases):
-        for fields, kind in cases:
-            fed.send(topic, changed(good, fields))
-            sent.append((topic, kind))
-            if poses:
-                move()
-
-    def fuse(message):
-        fed.send("global_pose", message)
-        reference.on_measurement(PoseFix(stamp(message), Pose(*planar(message.pose.pose)), R_FIX))
-        move()
+        found = fed.node.localization.estimate()
+        assert found.pose == pytest.approx(expected.pose, abs=1e-9)
+        assert pytest.approx(expected.P, abs=1e-9) == found.P
 
     # Neither a bad fix nor an odometry without any starts the filter.
-    spoil("global_pose", fix(START), ESTIMATES[:3])
-    fed.send(source, motion(START))
-    sent.append((source, "no fix yet"))
-    assert not poses
-    fuse(fix())
+    fed.spoil("global_pose", fix(START), ESTIMATES[:3])
+    fed.spoil(source, motion(START), [({}, "no fix yet")])
+    fed.send("global_pose", fix())
+    reference.on_measurement(PoseFix(stamp(fix()), Pose(*planar(fix().pose.pose)), R_FIX))
+    move(START + 0.1)
+    time = START + 0.2
+    fed.spoil("global_pose", fix(time), [*ESTIMATES, ({"pose.covariance": [0.0] * 36}, "covariance is zero")])
+    fed.spoil("initialpose", fix(time), ESTIMATES)
+    fed.spoil("heading", heading(time), HEADINGS)
+    fed.spoil(source, motion(time), cases)
+    fed.spoil(source, motion(START - 0.25), [({}, "out of order")])
+    fed.spoil("global_pose", fix(START - 5.0), [({}, "too old")])
     fed.send("heading", heading(time))
     reference.on_measurement(Heading(round(time * 1e9), 0.6, np.array([[0.01]])))
-    move()
-    zero = [({"pose.covariance": [0.0] * 36}, "covariance is zero")]
-    spoil("global_pose", fix(START), ESTIMATES + zero)
-    spoil("initialpose", fix(START), ESTIMATES)
-    spoil("heading", heading(START), HEADINGS)
-    spoil(source, motion(time), ODOMETRIES if source == "odom" else JOINT_STATES)
-    spoil(source, motion(round(time - 0.35, 3)), [({}, "out of order")])
-    spoil("global_pose", fix(time - 5.0), [({}, "too old")])
-    fuse(fix(time, 3.0, 3.0, 1.0))
-    check_drops(fed, capfd.readouterr().err, sent)
+    move(time)
+    fed.check_drops(capfd.readouterr().err)
 
 
 def filtered(time, *pose):
@@ -168,72 +160,57 @@ def filtered(time, *pose):
 
 
 def test_controller_goes_on_as_if_the_bad_messages_had_not_come(nodes, capfd):
-    topic, cases = "odometry/filtered", ESTIMATES + FILTERED
-    fed = one_process.Fed(nodes, ControllerNode, {"pose_source": "odometry", "pose_timeout": 60.0})
+    fed = Spoiler(nodes, ControllerNode, {"pose_source": "odometry", "pose_timeout": 60.0})
     commands = nodes.peer.subscribe(Twist, "cmd_vel", DEEP)
     goal, memory = Pose(5.0, 1.0, 0.3), ControllerMemory()
-    fed.send(topic, filtered(START))
+    fed.send("odometry/filtered", filtered(START))
     fed.send("goal_pose", pose_stamped(*goal))
-    time, sent = START, []
-
-    def move():
-        nonlocal time, memory
-        time = round(time + 0.1, 3)
-        count = len(commands)
-        pose = Pose(0.01 * (time - START), 0.5, 0.2)
-        fed.send(topic, filtered(time, *pose))
-        nodes.peer.spin_until(lambda: len(commands) > count, what="a command")
+    for number in (1, 2):
+        pose = Pose(0.01 * number, 0.5, 0.2)
+        fed.send("odometry/filtered", filtered(START + 0.1 * number, *pose))
+        nodes.peer.spin_until(lambda number=number: len(commands) >= number, what="a command")
         memory, command, _ = step(memory, Estimate(pose, UNCERTAINTY), goal, 0.1, PRESETS["tuned"])
-        assert len(commands) == count + 1, "one pose, one command"
+        assert len(commands) == number, "one pose, one command"
         assert (commands[-1].linear.x, commands[-1].angular.z) == pytest.approx(tuple(command), abs=1e-9)
-
-    move()
-    for spoiled, good, kinds in ((topic, filtered(START), cases), ("goal_pose", pose_stamped(0.0, 0.0, 0.0), GOALS)):
-        for fields, kind in kinds:
-            fed.send(spoiled, changed(good, fields))
-            sent.append((spoiled, kind))
-            move()
-    check_drops(fed, capfd.readouterr().err, sent)
+        if number == 1:
+            fed.spoil("odometry/filtered", filtered(START + 0.2), ESTIMATES + FILTERED)
+            fed.spoil("goal_pose", pose_stamped(0.0, 0.0, 0.0), GOALS)
+    fed.check_drops(capfd.readouterr().err)
 
 
-def test_controller_takes_corrections_of_its_goal_and_drops_old_repeated_and_far_ones(nodes, capfd):
+def test_controller_takes_corrections_of_its_goal_and_drops_old_repeated_and_far_ones(nodes):
     parameters = {"pose_source": "odometry", "pose_timeout": 60.0, "goal_update_timeout": 60.0}
     fed = one_process.Fed(nodes, ControllerNode, parameters)
-    supervisor, counted = fed.node.supervisor, fed.node.health.counted
+    supervisor = fed.node.supervisor
 
     def update(x, age=0.0):
-        message = pose_stamped(x, 0.0, 0.0)
-        if age is not None:
-            now = fed.node.get_clock().now().nanoseconds - round(age * 1e9)
-            message.header.stamp.sec, message.header.stamp.nanosec = divmod(now, 10**9)
+        message, now = pose_stamped(x, 0.0, 0.0), fed.node.get_clock().now().nanoseconds - round(age * 1e9)
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(now, 10**9)
         return message
 
     fed.send("goal_update", update(5.1))
-    assert counted["goal_update without a goal"] == 1
+    assert fed.node.health.counted["goal_update without a goal"] == 1
     fed.send("goal_pose", pose_stamped(5.0, 0.0, 0.0))
     seen = update(5.1)
     fed.send("goal_update", seen)
-    assert supervisor.goal == (5.1, 0.0, 0.0)
-    sent = [
+    for message, kind in (
         (seen, "stamp not later than the one before"),
         (update(5.2, age=100.0), "stamp too old"),
         (update(5.7), "far from the goal"),
-        *((changed(update(5.2), fields), kind) for fields, kind in GOALS),
-    ]
-    for message, kind in sent:
+        (changed(update(5.2), {"pose.position.x": NAN}), "position not finite"),
+    ):
         fed.send("goal_update", message)
-        assert fed.node.health.dropped["goal_update", kind] >= 1
+        assert fed.node.health.dropped["goal_update", kind] == 1
     assert supervisor.goal == (5.1, 0.0, 0.0)
-    check_drops(fed, capfd.readouterr().err, [("goal_update", kind) for _, kind in sent])
     # As from a command line, which knows no time.
-    fed.send("goal_update", update(5.3, age=None))
+    fed.send("goal_update", pose_stamped(5.3, 0.0, 0.0))
     assert (supervisor.goal, supervisor.updates) == ((5.3, 0.0, 0.0), 2)
 
 
 def test_plant_keeps_the_last_good_command(nodes, capfd):
-    fed = one_process.Fed(nodes, PlantNode, {"cmd_vel_timeout": 60.0, "drive_noise": 0.0})
+    fed = Spoiler(nodes, PlantNode, {"cmd_vel_timeout": 60.0, "drive_noise": 0.0})
     truths = nodes.peer.subscribe(Odometry, "ground_truth", DEEP)
-    good, sent = Twist(), []
+    good = Twist()
     good.linear.x, good.angular.z = 0.4, 0.2
 
     def twists():
@@ -248,13 +225,12 @@ def test_plant_keeps_the_last_good_command(nodes, capfd):
     nodes.peer.spin_until(lambda: moves_at(0.4), what="motion")
     for field in ("linear.x", "angular.z"):
         for number, kind in ((NAN, "not finite"), (-INF, "not finite"), (HUGE, "out of range"), (-2e4, "out of range")):
-            fed.send("cmd_vel", changed(good, {field: number}))
-            sent.append(("cmd_vel", f"velocity {kind}"))
+            fed.spoil("cmd_vel", good, [({field: number}, f"velocity {kind}")])
     assert moves_at(0.4)
     # Only linear.x and angular.z mean anything to a robot with two wheels.
     fed.send("cmd_vel", changed(good, {"linear.x": 0.1, "linear.y": NAN, "angular.x": INF}))
     nodes.peer.spin_until(lambda: moves_at(0.1), what="the new command")
-    check_drops(fed, capfd.readouterr().err, sent)
+    fed.check_drops(capfd.readouterr().err)
 
 
 def test_a_pose_without_covariance_has_the_uncertainty_of_the_parameters(nodes, capfd):

@@ -1,7 +1,6 @@
 """The end of a process: silent by a signal while it still imports, forced where it cannot end by itself."""
 
 import signal
-import subprocess
 import sys
 from pathlib import Path
 
@@ -59,35 +58,6 @@ def test_a_signal_that_is_ignored_stays_ignored(tmp_path):
         process.send(signal.SIGINT)
         process.wait_for_output("]: ready")
         assert process.stop(signal.SIGTERM) == 0
-
-
-HANG = """
-import ctypes, time
-from diffbot_core.ros.forced_exit import forced_exit
-
-print("before")
-with forced_exit(1, {status}):
-    {block}
-print("after")
-"""
-
-
-def ended(block, status):
-    code = HANG.format(block=block, status=status)
-    return subprocess.run(
-        [sys.executable, "-c", code], check=False, capture_output=True, text=True, timeout=graph.PATIENCE
-    )
-
-
-def test_a_process_that_hangs_with_python_locked_ends_with_its_status():
-    # A PyDLL keeps Python's lock, so that neither threads nor signal handlers of Python run.
-    process = ended("ctypes.PyDLL(None).pause()", 3)
-    assert (process.returncode, process.stdout, process.stderr) == (3, "before\n", "")
-
-
-def test_a_process_that_is_in_time_goes_on():
-    process = ended("pass\ntime.sleep(1.5)", status=3)
-    assert (process.returncode, process.stdout) == (0, "before\nafter\n")
 
 
 STUCK = """

@@ -21,13 +21,15 @@ BEST_EFFORT = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
 RELIABLE = QoSProfile(depth=10)
 LANDMARKS = {"landmark_ids": [7], "landmark_x": [3.0], "landmark_y": [2.0]}
 CASES = [
-    (EkfNode, {}, "odom", odometry(START)),
-    (EkfNode, {"odometry_source": "joint_states"}, "joint_states", joint_state(START)),
-    (EkfNode, {}, "global_pose", fix()),
-    (EkfNode, {}, "heading", heading()),
-    (EkfNode, LANDMARKS, "landmarks", PointCloud2()),
-    (ControllerNode, {}, "pose", fix()),
-    (ControllerNode, {"pose_source": "odometry"}, "odometry/filtered", odometry(START)),
+    (
+        EkfNode,
+        LANDMARKS,
+        (odometry(START), fix(), heading(), PointCloud2()),
+        ("odom", "global_pose", "heading", "landmarks"),
+    ),
+    (EkfNode, {"odometry_source": "joint_states"}, (joint_state(START),), ("joint_states",)),
+    (ControllerNode, {}, (fix(),), ("pose",)),
+    (ControllerNode, {"pose_source": "odometry"}, (odometry(START),), ("odometry/filtered",)),
 ]
 OUTPUTS = {
     # RViz2, Nav2 and robot_localization ask for reliable delivery of these.
@@ -38,15 +40,16 @@ OUTPUTS = {
 }
 
 
-@pytest.mark.parametrize(("kind", "parameters", "topic", "message"), CASES, ids=[case[2] for case in CASES])
-def test_sensors_are_received_from_best_effort_and_from_reliable_publishers(nodes, kind, parameters, topic, message):
+@pytest.mark.parametrize(("kind", "parameters", "messages", "topics"), CASES, ids=[case[3][0] for case in CASES])
+def test_sensors_are_received_from_best_effort_and_from_reliable_publishers(nodes, kind, parameters, messages, topics):
     fed = one_process.Fed(nodes, kind, parameters)
-    for count, qos in enumerate((BEST_EFFORT, RELIABLE), 1):
-        publisher = nodes.peer.publisher(type(message), topic, qos)
-        nodes.peer.wait_for_subscribers(publisher)
-        publisher.publish(message)
-        nodes.peer.spin_until(lambda count=count: fed.handled(topic) == count, what=f"message {count}")
-        nodes.peer.node.destroy_publisher(publisher)
+    for message, topic in zip(messages, topics, strict=True):
+        for count, qos in enumerate((BEST_EFFORT, RELIABLE), 1):
+            publisher = nodes.peer.publisher(type(message), topic, qos)
+            nodes.peer.wait_for_subscribers(publisher)
+            publisher.publish(message)
+            nodes.peer.spin_until(lambda: fed.handled(topic) == count, what=f"message {count} on {topic}")  # noqa: B023
+            nodes.peer.node.destroy_publisher(publisher)
 
 
 def test_reliable_inputs_shut_best_effort_publishers_out(nodes):
@@ -92,8 +95,6 @@ def test_the_stop_at_the_end_is_repeated_where_nobody_confirms_it(nodes, qos, ze
 @pytest.mark.parametrize(
     ("module", "given", "shared"),
     [
-        ("diffbot_control.controller_node", {}, False),
-        ("diffbot_control.ekf_node", {}, False),
         ("diffbot_control.robot_node", {}, False),
         ("diffbot_control.controller_node", {"FASTDDS_BUILTIN_TRANSPORTS": "DEFAULT"}, True),
     ],

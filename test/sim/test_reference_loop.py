@@ -1,15 +1,12 @@
 """Plant, filter and controller together: the reference for the graph."""
 
-import math
-
 import numpy as np
 import pytest
 
 from diffbot_control.law.presets import PRESETS
-from diffbot_core.data_sheet import DataSheet
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose
-from diffbot_sim.feedback import EKF, RAW, TRUTH
+from diffbot_sim.feedback import EKF, RAW
 from diffbot_sim.model.plant import PlantConfig
 from diffbot_sim.model.sensors import SensorConfig
 from diffbot_sim.model.simulator import WorldConfig
@@ -17,7 +14,6 @@ from diffbot_sim.reference_loop import simulate
 
 PAPER = PRESETS["paper"]
 GOAL = Pose(0.0, 0.0, 0.0)
-INF = math.inf
 QUIET = WorldConfig(
     PlantConfig(drive_noise=0.0, encoder_noise=0.0), SensorConfig(eps_x_max=0.0, eps_y_max=0.0, eps_theta_max=0.0)
 )
@@ -33,14 +29,6 @@ def test_it_waits_for_the_first_fix_and_moves_only_then(feedback):
         assert not recording.command[:first].any()
         assert recording.command[first:, 0].all()
         np.testing.assert_array_equal(recording.truth[:first], recording.truth[[0] * first])
-
-
-def test_the_first_command_has_no_time_to_accelerate():
-    controller = PAPER._replace(data_sheet=DataSheet(1.3, INF, INF, 1.0, INF))
-    recording = simulate(QUIET, controller, GOAL, 30, TRUTH)
-    assert recording.command[0, 0] == 0.0
-    assert np.diff(recording.command[:, 0]).max() <= 0.1 + 1e-12
-    assert recording.command[1, 0] == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize(

@@ -10,25 +10,11 @@ from diffbot_core.errors import BadMessageError
 
 
 @pytest.mark.parametrize(
-    "good",
+    ("matrix", "kind"),
     [
-        np.array([[0.002]]),
-        np.diag([1e8, 1.0, 1e-8]),
-        np.diag([1e-12, 1e-12, 1e-12]),
-        np.array([[1.0, 0.999], [0.999, 1.0]]),
+        (np.diag([1e8, 1.0, 1e-12]), ""),
         # Rounding on the way, e.g. through float32.
-        np.array([[1.0, 0.5], [0.5 + 5e-7, 1.0]]),
-    ],
-)
-def test_good_ones(good):
-    before = good.copy()
-    np.testing.assert_array_equal(check_covariance(good), before)
-
-
-@pytest.mark.parametrize(
-    ("bad", "kind"),
-    [
-        (np.diag([1.0, math.inf, 1.0]), "covariance not finite"),
+        (np.array([[1.0, 0.5], [0.5 + 5e-7, 1.0]]), ""),
         (np.array([[1.0, math.inf], [-math.inf, 1.0]]), "covariance not finite"),
         (np.full((3, 3), 1e308), "covariance not finite"),
         (np.zeros((3, 3)), "covariance is zero"),
@@ -41,9 +27,12 @@ def test_good_ones(good):
         (np.array([[-1.0]]), "covariance not positive definite"),
     ],
 )
-def test_bad_ones(bad, kind):
+def test_good_covariances_pass_as_they_are_and_bad_ones_are_named(matrix, kind):
+    if not kind:
+        np.testing.assert_array_equal(check_covariance(matrix.copy()), matrix)
+        return
     with pytest.raises(BadMessageError) as caught:
-        check_covariance(bad)
+        check_covariance(matrix)
     assert caught.value.kind == kind
 
 

@@ -126,6 +126,17 @@ def test_landmarks_correct_as_the_textbook_says_with_finite_differences(layout, 
     assert_state(ekf, x, P, 1e-6)
 
 
+def test_the_linearisation_error_is_bounded_by_sampling():
+    rng, distance, sigma = np.random.default_rng(3), 2.0, 0.1
+    along, across = sigma * rng.normal(size=(2, 100_000))
+    ranges, bearings = np.hypot(distance - along, across), np.arctan2(-across, distance - along)
+    left_out = np.array([np.mean((ranges - distance + along) ** 2), np.mean((bearings + across / distance) ** 2)])
+    found = np.array(linearisation_variance(distance**2, 2.0 * sigma**2))
+    # A bound, as all of the spread may lie across, and not wasteful.
+    assert (left_out <= found).all()
+    assert (found <= 5.0 * left_out).all()
+
+
 @pytest.mark.parametrize(("away", "corrected"), [(0.0, False), (0.999, False), (1.01, True)])
 def test_a_landmark_under_the_robot_corrects_nothing(away, corrected):
     found = gated_filter("ekf", (1.0, 2.0, 3.0), 0.1 * np.eye(3), gate_probability=1.0)

@@ -9,7 +9,7 @@ from filter_runs import R_FIX, SEPARATION, Robot, fix, gated_filter, landmark, n
 
 from diffbot_control.filter.fix_correlation import correlation_of, new_fix_correlation
 from diffbot_control.filter.gated_filter import GatedFilter
-from diffbot_control.filter.landmark_correlation import NO_PAIRS, Pair, compared, with_pair
+from diffbot_control.filter.landmark_correlation import NO_PAIRS, Pair, with_pair
 from diffbot_control.filter.options import FilterConfig, options_of
 from diffbot_core.geometry import Pose
 from diffbot_core.units import NS_PER_S
@@ -91,7 +91,6 @@ def together(drive, c, **options):
     [
         (by_fixes, 0.5, 0.2, 6.0, 5.0),
         (by_fixes, 0.9, 0.2, 6.0, 12.0),
-        (by_landmarks, math.exp(-DT / 0.5), 0.1, 5.0, 6.0),
         (by_landmarks, math.exp(-DT / 3.0), 0.02, 5.0, 12.0),
     ],
 )
@@ -114,18 +113,19 @@ def test_with_independent_errors_nothing_changes(drive, most):
     assert found < most
 
 
-def test_the_option_and_the_other_mechanisms_switch_it_off():
-    assert options_of(FilterConfig()).detects_fix_correlation
-    assert not options_of(FilterConfig(detect_correlation=False)).detects_fix_correlation
-    assert not options_of(FilterConfig(fix_correlation_time=1.0)).detects_fix_correlation
-    assert not options_of(FilterConfig(filter="ekf_fnn")).detects_fix_correlation
-    assert not options_of(FilterConfig(filter="ekf_fnn_calibrating")).detects_fix_correlation
-    found = by_fixes(0.9, 0).found
+def test_what_was_found_survives_a_relocation_but_no_reset_and_is_not_sought_where_it_is_given():
+    for options in ({"detect_correlation": False}, {"fix_correlation_time": 1.0}, {"filter": "ekf_fnn"}):
+        assert not options_of(FilterConfig(**options)).detects_fix_correlation
+    found, seen = by_fixes(0.9, 0).found, by_landmarks(0.9, 0).found
+    means = seen.memory.landmarks.means
+    for one in (found, seen):
+        one.reset_to(Pose(9.0, 9.0, 0.0), R_FIX)
     assert found.memory.fix_correlation.inflation > 3.0
-    found.reset_to(Pose(9.0, 9.0, 0.0), R_FIX)
-    assert found.memory.fix_correlation.inflation > 3.0, "it survives a relocation"
-    found.reset()
+    assert (seen.memory.landmarks.means, len(seen.memory.landmarks.seen)) == (means, 0)
+    for one in (found, seen):
+        one.reset()
     assert found.memory.fix_correlation == new_fix_correlation()
+    assert seen.landmark_correlation_time() == 0.0
     told = by_fixes(0.9, 0, fix_correlation_time=-0.2 / math.log(0.9)).found
     assert told.memory.fix_correlation == new_fix_correlation()
 
@@ -139,40 +139,6 @@ def test_right_means_give_the_correlation(c):
     assert correlation_of(1.0 - c, 0.0, 0.0, 200) == 0.0  # white fixes of too large a claimed R
     assert correlation_of(1.0, 0.0, c, 200) == 0.0  # a drift
     assert correlation_of(1.0 - c, 0.0, c, 1) == 0.0  # too few
-
-
-def test_what_was_found_survives_a_relocation_but_no_landmark_has_a_partner():
-    found = by_landmarks(0.9, 0).found
-    means = found.memory.landmarks.means
-    found.reset_to(Pose(9.0, 9.0, 0.0), R_FIX)
-    assert found.memory.landmarks.means == means
-    assert not found.memory.landmarks.seen
-    found.reset()
-    assert found.landmark_correlation_time() == 0.0
-
-
-def test_a_pair_is_compared_by_its_own_covariance():
-    y, before = np.array((0.3, -0.1)), np.array((0.1, 0.1))
-    H, R = np.array([[0.6, -0.8, 0.0], [0.16, 0.12, -1.0]]), np.diag((0.04, 0.01))
-    shift, spread = np.array((0.1, 0.05, 0.02)), (0.002, 0.001)
-    pair = compared(y, before, H, R, shift, spread, 0.5)
-    residual = y - before + H @ shift
-    weight = np.linalg.inv(R)
-    assert pair.difference == pytest.approx(residual @ weight @ residual / 4.0)
-    moved = H @ np.diag((spread[0], spread[0], spread[1])) @ H.T
-    assert pair.motion == pytest.approx(np.trace(moved @ weight) / 4.0)
-    assert (pair.product, pair.square) == pytest.approx((before @ weight @ y / 2.0, y @ weight @ y / 2.0))
-    assert (pair.numbers, pair.dt) == (2, 0.5)
-
-
-@pytest.mark.parametrize(("motion", "c"), [(0.0, 0.8), (0.05, 0.85), (0.5, 0.9)])
-def test_the_motion_explains_half_of_the_difference_at_most(motion, c):
-    """White noise and c of it, and odometry that claims more noise than the measurements show."""
-    means = NO_PAIRS
-    for _ in range(300):
-        means = with_pair(means, Pair(0.2, motion, 2.0, 2.2, 2, 0.4))
-    assert means.pairs == 200
-    assert math.exp(-0.4 / means.time) == pytest.approx(c)
 
 
 @pytest.mark.parametrize(("difference", "motion"), [(40.0, 0.0), (0.2, 1.5)])

@@ -103,13 +103,11 @@ def test_the_gate_is_the_quantile_of_the_numbers_widened_for_fixes_only(numbers,
             assert decision(nis).outcome == REJECTED
 
 
-def test_a_fix_agrees_only_within_the_candidates_gate_and_only_if_there_is_one():
-    config = options(relocation_fixes=5)
-    memory = GateMemory(RejectionStreak(1, 0.0), 1, 0.0, NONE)
-    bound = chi2.ppf(0.999, 3)
-    for candidate_nis, agrees in ((0.99 * bound, True), (1.01 * bound, False), (math.nan, False)):
-        assert decide_fix(memory, 1e6, candidate_nis, config.gates[2], config)[1] == Decision(REJECTED, agrees)
-    assert decide_fix(new_gate(), 1e6, 0.5, config.gates[2], config)[1] == Decision(REJECTED, False)
+@pytest.mark.parametrize(("share", "agrees"), [(0.99, True), (1.01, False), (math.nan, False)])
+def test_a_fix_agrees_only_within_the_candidates_gate(share, agrees):
+    config, memory = options(relocation_fixes=5), GateMemory(RejectionStreak(1, 0.0), 1, 0.0, NONE)
+    decision = decide_fix(memory, 1e6, share * chi2.ppf(0.999, 3), config.gates[2], config)[1]
+    assert decision == Decision(REJECTED, agrees)
 
 
 def test_a_weighed_landmark_is_never_rejected_but_for_a_nis_that_is_none_and_ignored_under_the_robot():

@@ -48,19 +48,13 @@ def whiteness(found):
     return whiteness_of(zip(sources, whitened(innovations), strict=True))
 
 
-def test_white_innovations_are_inside_the_bound_as_often_as_it_says():
-    found = [whiteness(innovations(np.random.default_rng([1, run]), 100)) for run in range(400)]
-    inside = np.mean([abs(one.correlation) < one.bound for one in found])
-    assert 0.92 < inside < 0.98
-    assert not any(one.correlation > one.alarm for one in found)
-    assert np.std([one.correlation / one.bound for one in found]) == pytest.approx(1.0 / 1.96, rel=0.1)
-
-
-@pytest.mark.parametrize(("rho", "factor"), [(0.3, 1.0), (0.9, 0.1), (0.9, 10.0)])
+@pytest.mark.parametrize(("rho", "factor"), [(0.0, 1.0), (0.9, 0.1), (0.9, 10.0)])
 def test_the_correlation_is_that_of_the_sequence_whatever_its_size(rho, factor):
-    rng = np.random.default_rng(2)
-    found = [whiteness(innovations(rng, 100, rho, factor)).correlation for _ in range(200)]
-    assert np.mean(found) == pytest.approx(rho, abs=0.04)
+    found = [whiteness(innovations(np.random.default_rng([1, run]), 100, rho, factor)) for run in range(200)]
+    assert np.mean([one.correlation for one in found]) == pytest.approx(rho, abs=0.04)
+    if rho == 0.0:
+        assert 0.91 < np.mean([abs(one.correlation) < one.bound for one in found]) < 0.99
+        assert not any(one.correlation > one.alarm for one in found)
 
 
 def test_only_innovations_of_one_source_are_compared():
@@ -90,17 +84,6 @@ def test_only_accepted_measurements_count_and_a_relocation_starts_anew():
     assert monitor.values()["autocorrelation of fixes"] == "1.000"
     monitor.record(SOURCES[3], 1.0, RELOCATED, innovation)
     assert monitor.whiteness() == {}
-
-
-def test_a_covariance_that_rounding_has_left_singular_is_whitened():
-    singular, regular = np.full((2, 2), 4.0), np.array([[4.0, 1.0], [1.0, 9.0]])
-    innovations = [Innovation(np.array([2.0, 2.0]), singular), Innovation(np.array([2.0, 3.0]), regular)]
-    first, second = whitened(innovations)
-    # Along (1, 1) the variance is 8, across it nothing was measured.
-    assert first @ first == pytest.approx(1.0)
-    assert second @ second == pytest.approx(innovations[1].y @ np.linalg.inv(regular) @ innovations[1].y)
-    (zero,) = whitened([Innovation(np.zeros(2), np.zeros((2, 2)))])
-    assert np.isfinite(zero).all()
 
 
 TAILS = (0.999, 0.975, 0.5, 0.025, 1e-3, 1e-4, 1e-9, 1e-15)

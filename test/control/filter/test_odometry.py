@@ -55,12 +55,6 @@ def test_a_density_is_the_variance_per_second(v, odometry, densities):
     assert found == pytest.approx((along, across + v**2 * heading * 4.0**2 / 3.0, heading), rel=1e-9)
 
 
-def test_on_the_spot_the_noise_of_a_motion_is_that_of_its_turning():
-    P = covariance_after(Twist(0.0, -1.2), 10.0, 2.0, NOISE)
-    # 0.005 |omega| + 1e-3 along and 1e-3 across, whose sum no turn changes; 0.02 |omega| + 2e-4 of the heading.
-    assert (np.trace(P[:2, :2]), P[2, 2]) == pytest.approx((2.0 * 0.008, 2.0 * 0.0242), rel=1e-9)
-
-
 MS = 10**6
 
 

@@ -8,18 +8,14 @@ import pytest
 from filter_runs import covariance, gated_filter, landmark, wrapped
 from scipy.linalg import solve_toeplitz
 
-from diffbot_control.filter.correlation import NO_STAMPS, inflation_after, inflation_of, with_stamp
+from diffbot_control.filter.correlation import inflation_after
 from diffbot_control.filter.ekf import PoseEkf, Robust
 from diffbot_control.filter.gate import ACCEPTED, WEIGHED
 from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.measurements import (
     FIXES,
-    HEADINGS,
     LANDMARKS,
-    Heading,
-    LandmarkMeasurement,
     PoseFix,
-    Source,
 )
 from diffbot_control.filter.options import WEIGH, FilterConfig, options_of
 from diffbot_core.errors import InvalidValueError
@@ -114,38 +110,9 @@ def test_the_adaptation_of_r_and_a_correlation_time_exclude_each_other():
     FilterConfig(filter="ekf_fnn", landmark_correlation_time=2.0).check()
 
 
-SECOND = 10**9
-TIMES = {HEADINGS: 3.0, LANDMARKS: 2.0, FIXES: 1.0, "fixes of gps": 4.0}
-"""[s]"""
-
-
-def fix_at(seconds, sensor=FIXES):
-    return PoseFix(round(seconds * SECOND), Pose(1.0, 2.0, 3.0), np.eye(3), Source(sensor))
-
-
-def landmark_at(seconds, x=1.0):
-    return LandmarkMeasurement(round(seconds * SECOND), 1.0, 0.5, np.eye(2), Point(x, 2.0))
-
-
 @pytest.mark.parametrize(("dt", "time"), [(0.2, 0.3), (0.5, 2.0), (1.0, 0.1)])
 def test_in_the_long_run_the_measurements_tell_as_much_as_independent_ones_with_the_inflated_variance(dt, time):
     # Best linear estimate of a constant from n errors of variance 1: its information is 1' V^-1 1.
     n = 2000
     information = solve_toeplitz(np.exp(-dt / time) ** np.arange(n), np.ones(n)).sum() / n
     assert inflation_after(dt, time) == pytest.approx(1.0 / information, rel=0.02)
-
-
-def test_each_source_is_compared_with_itself_and_each_landmark_is_a_source():
-    heading = Heading(2 * SECOND, 1.0, np.eye(1))
-    first = [fix_at(0.0), fix_at(1.0, "fixes of gps"), heading, landmark_at(3.0), landmark_at(4.0, x=5.0)]
-    stamps = NO_STAMPS
-    for one in first:
-        assert inflation_of(stamps, one, TIMES) == 1.0, "the first of its source"
-        before = dict(stamps)
-        after = with_stamp(stamps, one, TIMES)
-        assert dict(stamps) == before, "never changed in place"
-        stamps = after
-    for one, time in zip(first, (1.0, 4.0, 3.0, 2.0, 2.0), strict=True):
-        later = replace(one, stamp=6 * SECOND)
-        expected = inflation_after(6.0 - one.stamp / SECOND, time)
-        assert inflation_of(stamps, later, TIMES) == pytest.approx(expected)

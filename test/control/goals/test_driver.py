@@ -6,7 +6,6 @@ from typing import NamedTuple
 import pytest
 
 from diffbot_control.goals import Supervisor, SupervisorConfig
-from diffbot_control.goals.driver import LawError
 from diffbot_control.goals.states import DRIVING, IDLE, NOT_AT_GOAL
 from diffbot_control.law.configuration import Report
 from diffbot_core.data_sheet import DataSheet
@@ -98,7 +97,6 @@ FAILURES = {
     "nan": (lambda memory: (memory, Twist(math.nan, 0.0), GOOD_REPORT), "v = nan m/s, omega = 0.0 rad/s: must be fin"),
     "raises": (raising, "ValueError: two lines (test_driver.py:"),
     "no command": (lambda memory: (memory, None, GOOD_REPORT), "AttributeError: "),
-    "no memory": (lambda memory: (None, Twist(0.0, 0.0), GOOD_REPORT), "AttributeError: "),
     "short report": (
         lambda memory: (memory, Twist(0.0, 0.0), (1.0,)),
         "'reached' or the report is not as the protocol",
@@ -124,16 +122,3 @@ def test_a_law_that_fails_on_the_way_ends_the_goal_with_the_reason_and_the_robot
     law.answer = lambda memory: (memory, Twist(0.1, 0.0), GOOD_REPORT)
     supervisor.on_goal(GOAL)
     assert (drive.pose(), supervisor.reason, supervisor.has_failed) == (pytest.approx((0.1, 0.0)), "", False)
-
-
-def test_a_memory_that_cannot_be_made_is_refused_at_the_start_and_ends_a_later_goal(monkeypatch):
-    def refuse(_config):
-        raise ValueError("gain too small")
-
-    drive = Drive(Scripted())
-    monkeypatch.setattr(Scripted, "new_memory", staticmethod(refuse))
-    with pytest.raises(LawError, match=r"^law scripted failed: ValueError: gain too small \(test_driver\.py:\d+\)$"):
-        Drive(Scripted())
-    drive.supervisor.on_goal(GOAL)
-    assert drive.supervisor.status == NOT_AT_GOAL
-    assert "gain too small" in drive.supervisor.reason

@@ -18,7 +18,7 @@ from diffbot_core.geometry import MAX_COORDINATE
 from diffbot_core.schema import build
 
 PAIRS = 12
-STEPS = 3
+STEPS = 2
 """of a drive; the last one has the largest and smallest numbers that messages may hold"""
 BASE = build(
     EkfNodeConfig,
@@ -96,4 +96,4 @@ def test_estimates_are_finite():
             assert_finite(numbers, values)
             assert not {"nan", "inf"} & set(texts.split()), (texts, values)
             answers += 1
-    assert answers > 300
+    assert answers > 200

@@ -13,11 +13,10 @@ from rclpy.time import Time
 from robot import pose_stamped
 from scipy.spatial.transform import Rotation
 
-from diffbot_control.ros.frames import prefixed
 from diffbot_control.ros.messages.conversions import goal_from, path_from
 from diffbot_control.ros.tf import Tf2Transforms
 from diffbot_control.ros.transforms import transformed
-from diffbot_core.errors import BadMessageError, InvalidValueError
+from diffbot_core.errors import BadMessageError
 
 SECOND = 10**9
 
@@ -92,21 +91,6 @@ def test_poses_of_a_path_have_its_frame_and_time_unless_they_have_their_own():
     assert known.asked == [("map", "odom", 5 * SECOND)]
 
 
-@pytest.mark.parametrize(
-    ("goal", "kind"),
-    [
-        (pose_stamped(0.0, 0.0, 0.0, "elsewhere"), "no transform"),
-        (pose_stamped(0.0, 0.0, 0.0, ""), "wrong frame_id"),
-        (pose_stamped(math.nan, 0.0, 0.0, "odom"), "position not finite"),
-        (pose_stamped(1e9, 0.0, 0.0, "odom"), "position out of range"),
-    ],
-)
-def test_what_cannot_be_transformed_is_refused(goal, kind):
-    with pytest.raises(BadMessageError) as caught:
-        goal_from(goal, "map", Known("odom", QUARTER))
-    assert caught.value.kind == kind
-
-
 class FakeTf2(types.SimpleNamespace):
     """The part of tf2_ros that is used, with one transform odom -> map of a known time."""
 
@@ -144,9 +128,3 @@ def test_the_newest_transform_may_be_older_than_the_goal_by_the_tolerance(late, 
         return
     with pytest.raises(BadMessageError, match=r"^no transform: 'odom' to 'map': Lookup .* future\. Details$"):
         transforms.lookup("map", "odom", stamp)
-
-
-def test_a_prefix_is_put_before_a_frame_and_must_not_begin_with_a_slash():
-    assert prefixed("robot1/", "odom") == "robot1/odom"
-    with pytest.raises(InvalidValueError, match=r"frame_prefix = '/robot1/': must be without a slash"):
-        prefixed("/robot1/", "odom")

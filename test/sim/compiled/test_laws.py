@@ -9,12 +9,11 @@ import pytest
 
 from diffbot_control.goals.registry import resolve_law
 from diffbot_control.law.controller import SwitchingLaw
-from diffbot_core.geometry import Pose, wrap_angle
+from diffbot_core.geometry import Pose
 from diffbot_lab.cases import Configuration, make_case
 from diffbot_sim.compiled.batch import Starts, run_batch
 from diffbot_sim.compiled.closed_loop import buffers_for, make_loop, prepared
 from diffbot_sim.compiled.jit import law_version
-from diffbot_sim.compiled.reachable import reachable_functions
 
 LAW = """
 import math
@@ -74,21 +73,6 @@ def case_for(law, **config):
 def plain_run(law, case, start=TURNED):
     case = prepared(case)
     return make_loop(law)(case, buffers_for(case), 1, 0, start, np.empty((0, 10)))
-
-
-def test_functions_are_found_through_modules_and_closures(write):
-    law = write(LAW)
-    found = reachable_functions(law.new_memory, law.step)
-    assert {one.__name__ for one in found} == {"new_memory", "step", "helper", "wrap_angle"}
-    assert wrap_angle in found
-
-    def inner():
-        return wrap_angle(1.0)
-
-    def outer():
-        return inner()
-
-    assert set(reachable_functions(outer)) == {outer, inner, wrap_angle}
 
 
 def test_a_law_that_does_not_compile_runs_as_plain_python_and_says_so_once(write, caplog):

@@ -10,7 +10,7 @@ from diffbot_core.kinematics import Twist, body_twist
 from diffbot_core.schema import build
 from diffbot_sim.model.simulator import World, WorldConfig
 
-PAIRS = 150
+PAIRS = 60
 STEPS = 12
 BASE = build(
     WorldConfig,

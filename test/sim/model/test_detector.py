@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from diffbot_core.geometry import Pose, into_frame, out_of_frame
 from diffbot_sim.model import sensors
@@ -15,26 +14,14 @@ from diffbot_sim.model.sensors import NO_ERRORS, SensorConfig
 CONFIG = DetectorConfig(dock_x=3.0, dock_y=-2.0, dock_yaw=2.5, detection_rate=5.0, detection_dropout=0.0)
 
 
-def detections(robot, config=CONFIG, count=3000):
+def detections(robot, config=CONFIG, count=1500):
     """Detect the dock from a pose in its frame."""
     pose = out_of_frame(robot, dock_of(config))
     return [detection_at(NoiseKey(5, 1, step), pose, config) for step in range(count)]
 
 
-@pytest.mark.parametrize("distance", [0.5, 4.0])
-def test_errors_grow_with_the_distance_as_configured_and_are_uniform(distance):
-    robot = Pose(-distance * math.cos(0.3), distance * math.sin(0.3), -3.1)
-    errors = np.array([one.pose for one in detections(robot)]) - into_frame(Pose(0.0, 0.0, 0.0), robot)
-    errors[:, 2] = np.remainder(errors[:, 2] + math.pi, 2.0 * math.pi) - math.pi
-    sigmas = 0.01 + 0.01 * distance, 0.01 + 0.01 * distance, 0.02 + 0.01 * distance
-    for column, sigma in zip(errors.T, sigmas, strict=True):
-        bound = math.sqrt(3.0) * sigma
-        assert stats.kstest(column, "uniform", (-bound, 2.0 * bound)).pvalue > 1e-3
-    assert np.abs(np.corrcoef(errors.T) - np.eye(3)).max() < 0.07
-
-
 @pytest.mark.parametrize("robot", [Pose(-0.6, 0.1, 0.1), Pose(-3.0, 1.5, -0.4)])
-def test_the_covariance_claimed_in_the_frame_of_the_dock_is_the_true_one(robot):
+def test_the_errors_grow_with_the_distance_and_have_the_covariance_claimed_in_the_frame_of_the_dock(robot):
     found = detections(robot)
     for one in found:
         distance = math.hypot(one.pose.x, one.pose.y)
@@ -43,7 +30,13 @@ def test_the_covariance_claimed_in_the_frame_of_the_dock_is_the_true_one(robot):
     P = np.array([[noise.xx, noise.xy, noise.xt], [noise.xy, noise.yy, noise.yt], [noise.xt, noise.yt, noise.tt]])
     scale = np.sqrt(np.outer(P.diagonal(), P.diagonal()))
     errors = np.subtract([robot_seen(one) for one in found], robot)
-    np.testing.assert_allclose(np.cov(errors.T) / scale, P / scale, atol=0.07)
+    np.testing.assert_allclose(np.cov(errors.T) / scale, P / scale, atol=0.08)
+    # Those of the detection itself are uniform.
+    errors = np.array([one.pose for one in found]) - into_frame(Pose(0.0, 0.0, 0.0), robot)
+    distance = math.hypot(robot.x, robot.y)
+    bounds = math.sqrt(3.0) * np.array((0.01 + 0.01 * distance, 0.01 + 0.01 * distance, 0.02 + 0.01 * distance))
+    assert (np.abs(errors) <= bounds * (1.0 + 1e-9)).all()
+    np.testing.assert_allclose(errors.var(axis=0), bounds**2 / 3.0, rtol=0.1)
 
 
 def test_dropouts_and_outliers_come_as_often_as_configured_and_independently():
@@ -54,11 +47,9 @@ def test_dropouts_and_outliers_come_as_often_as_configured_and_independently():
     off = np.subtract([one.pose[:2] for one in found], [one.pose[:2] for one in plain])
     outliers = np.hypot(*off.T) > 1e-9
     assert np.hypot(*off[outliers].T) == pytest.approx(1.5)
-    directions = np.arctan2(off[outliers, 1], off[outliers, 0])
-    assert stats.kstest(directions, "uniform", (-math.pi, 2.0 * math.pi)).pvalue > 1e-3
-    assert lost.mean() == pytest.approx(0.3, abs=0.03)
-    assert outliers.mean() == pytest.approx(0.2, abs=0.03)
-    assert (lost & outliers).mean() == pytest.approx(0.06, abs=0.015)
+    assert np.abs(off[outliers].mean(axis=0)).max() < 0.25, "in all directions"
+    assert (lost.mean(), outliers.mean()) == pytest.approx((0.3, 0.2), abs=0.04)
+    assert (lost & outliers).mean() == pytest.approx(0.06, abs=0.02)
     assert [one.pose.theta for one in found] == [one.pose.theta for one in plain]
     assert not any(one.lost for one in plain)
 
@@ -66,7 +57,6 @@ def test_dropouts_and_outliers_come_as_often_as_configured_and_independently():
 @pytest.mark.parametrize(
     ("changed", "seen"),
     [
-        ({}, {0.0: True, 1.0: True, 3.0: True}),
         ({"detection_half_angle": 0.5}, {0.0: True, 0.49: True, -0.49: True, 0.51: False, -0.51: False, 3.1: False}),
         (
             {"detection_half_angle": 0.5, "detection_behind": True},
