@@ -1,4 +1,11 @@
-# The workspace on a full ROS 2 Jazzy; CONTRIBUTING.md says how to build and run it, and what of it was tried.
+# The workspace on a full ROS 2 Jazzy:
+#     docker build -t diffbot .
+#     docker run --rm -it --net=host diffbot
+# No image has been built from this file. Its steps were run by hand in a chroot of Debian 12 with Python 3.11.
+# Tried: both copies without what .dockerignore names, the lines of grep and pip (apt's numpy and scipy stay), colcon build,
+# the user and /bags, and the entrypoint: as user 1001, recorder_node wrote a bag to /bags, and /ws was read-only.
+# Not tried: the base image (ROS and colcon came from pip, with a setup.bash written for the trial), rosdep (the python3-*
+# packages of package.xml were named to apt-get), the image's Python 3.12, and ros2 launch.
 FROM ros:jazzy-ros-base
 
 SHELL ["/bin/bash", "-o", "pipefail", "-c"]
@@ -6,7 +13,6 @@ WORKDIR /ws
 
 # First what changes seldom: the dependencies, by package.xml and by what only pip has (docs/how-to/install-on-ros.md).
 COPY package.xml constraints.txt src/diffbot/
-# hadolint ignore=DL3008
 RUN apt-get update \
     && apt-get install -y --no-install-recommends python3-pip \
     && rosdep update --rosdistro jazzy \

@@ -16,24 +16,21 @@ unexport PYTHONPATH PYTHONHOME LD_LIBRARY_PATH AMENT_PREFIX_PATH RMW_IMPLEMENTAT
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help setup compilers browser demo test test-fast docks faults real soak lint bench trust docs site clean
+.PHONY: help setup programs demo test test-fast slow real lint bench trust docs site clean
 .DELETE_ON_ERROR:
 
 help:
-	@echo "make setup   create $(VENV) with the package, ROS 2 Jazzy from wheels and all tools"
-	@echo "make demo    drive a simulated robot to a goal pose, record a bag, write the report"
-	@echo "make test    run the tests"
-	@echo "make test-fast   run those without nodes, studies and installations while editing: 45 seconds"
-	@echo "make faults  try each fault many times, twenty minutes; results to docs/results/data/faults.json"
-	@echo "make real OVERLAY=...  run the tests of nodes with tf2, rosbag2, Nav2 ... of an overlay: docs/how-to/real-ros.md"
-	@echo "make docks   dock 50 times over DDS, with detections spoilt in every other run"
-	@echo "make soak    goals and faults for ten minutes: does memory grow, is every goal reached?"
-	@echo "make lint    run ruff, mypy, import-linter, oxlint and hadolint"
-	@echo "make bench   measure speed and cost; writes docs/results/performance.md"
-	@echo "make trust   run the tests of a fresh clone 20 times; writes docs/results/trust.md"
-	@echo "make docs    write the generated parts of docs/"
-	@echo "make site    build the documentation as a site: out/site/index.html"
-	@echo "make clean   remove $(VENV) and everything built"
+	@echo "make setup      create $(VENV) with the package, ROS 2 Jazzy from wheels and all tools"
+	@echo "make demo       drive a simulated robot to a goal pose, record a bag, write the report"
+	@echo "make test       run the tests"
+	@echo "make test-fast  run the tests without nodes, studies and installations: while editing"
+	@echo "make slow       run the slow tests: each fault as often as promised, ten minutes of goals, many dockings"
+	@echo "make lint       run ruff, mypy, import-linter and oxlint"
+	@echo "make bench      measure latency, recorder and compiled loop beside references"
+	@echo "make trust      run the tests of a fresh clone 20 times, every second time on a busy machine"
+	@echo "make docs       write the generated parts of docs/"
+	@echo "make site       build the documentation as a site: out/site/index.html"
+	@echo "make clean      remove $(VENV) and everything built"
 	@echo "ARGS='...' passes arguments on, PYTHON=... chooses the interpreter (3.10 to 3.13)."
 
 setup: $(VENV)/package.stamp
@@ -43,43 +40,35 @@ demo: setup
 	@$(BIN)/diffbot demo --overwrite $(ARGS)
 
 # Not `python -m pytest`, which would put the source tree before the installed package.
-test: setup compilers browser
-	@$(BIN)/pytest -n 4 --dist loadfile $(ARGS)
+test: setup programs
+	@$(BIN)/pytest -n 4 --dist loadfile --no-loadscope-reorder $(ARGS)
 
-# For the tests of Nav2's actions, which are built from their definitions.
-compilers:
-	@{ command -v gcc && command -v g++; } >/dev/null || if [ "$$(id -u)" = 0 ]; then \
-		echo "Installing gcc and g++ ..."; apt-get update -qq && apt-get install -y -qq gcc g++ >/dev/null; \
+# What pip does not bring: a compiler for the tests of Nav2's actions, and a browser for the tests of the page. Without a
+# browser these tests are left out, and the report says so.
+APT := export DEBIAN_FRONTEND=noninteractive; apt-get -qq -o Acquire::Retries=1 -o Acquire::http::Timeout=20 -o Acquire::https::Timeout=20
+programs:
+	@{ command -v gcc && command -v g++; } >/dev/null || if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
+		echo "Installing gcc and g++ ..."; $(APT) update && $(APT) install -y gcc g++ >/dev/null; \
 	else \
 		echo "The tests need gcc and g++: sudo apt-get install gcc g++" >&2; exit 1; \
 	fi
-
-# For the tests of the page; without a browser they are left out, and the report says so.
-PATIENCE := -o Acquire::http::Timeout=20 -o Acquire::https::Timeout=20 -o Acquire::Retries=1
-browser:
 	@{ command -v chromium || command -v chromium-browser || command -v google-chrome; } >/dev/null || if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
-		echo "Installing chromium ..."; export DEBIAN_FRONTEND=noninteractive; \
-		apt-get $(PATIENCE) update -qq && apt-get $(PATIENCE) install -y -qq --no-install-recommends chromium >/dev/null || true; \
+		echo "Installing chromium ..."; $(APT) update && $(APT) install -y --no-install-recommends chromium >/dev/null || true; \
 	else \
 		echo "Without a browser the tests of the page are left out: sudo apt-get install chromium" >&2; \
 	fi
 
 test-fast: setup
-	@$(BIN)/pytest -n 3 --dist loadfile -m 'not graph and not install and not study' $(ARGS)
+	@$(BIN)/pytest -n 3 --dist loadfile -m 'not graph and not install and not study and not slow' $(ARGS)
 
-faults: setup
-	@$(BIN)/python bench/faults.py $(ARGS)
+# One after the other, since many of them measure times. Leave the machine alone meanwhile.
+slow: setup programs
+	@$(BIN)/pytest -m slow $(ARGS)
 
-# The tests that speak over DDS and those of what has no wheel, in the environment of `make setup` and an overlay on it.
+# The tests of nodes, in the environment of `make setup` and an overlay on it: docs/how-to/real-ros.md.
 real: setup
 	@test -n "$(OVERLAY)" || { echo "make real OVERLAY=<folder of installed ROS packages>: docs/how-to/real-ros.md" >&2; exit 1; }
-	@test/real/overlay.sh $(VENV) $(OVERLAY) pytest -n 2 --dist loadfile -m 'graph and not install' $(ARGS)
-
-soak: setup
-	@PYTHONPATH=test/support $(BIN)/python bench/soak.py --json docs/results/data/faults.json $(ARGS)
-
-docks: setup
-	@PYTHONPATH=test/support $(BIN)/python bench/docks.py $(ARGS)
+	@test/real/overlay.sh $(VENV) $(OVERLAY) pytest -n 2 --dist loadfile -m 'graph and not install and not slow' $(ARGS)
 
 lint: setup
 	@$(BIN)/ruff check
@@ -87,16 +76,15 @@ lint: setup
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports --no-cache
 	@$(BIN)/oxlint --quiet diffbot_tools/view/page
-	@$(BIN)/hadolint Dockerfile
 
-bench: setup browser
-	@$(BIN)/python bench/run.py --publish $(ARGS)
+bench: setup
+	@for name in latency recorder batch; do echo "== $$name"; $(BIN)/python bench/$$name.py $(ARGS) || exit 1; done
 
-trust: setup
-	@$(BIN)/python bench/trust.py $(ARGS)
+trust:
+	@bench/trust.sh $(ARGS)
 
 docs: setup
-	@$(BIN)/python docs/generate.py $(ARGS)
+	@$(BIN)/python docs/build.py $(ARGS)
 
 # Strict: a page outside the navigation, a broken link or a missing anchor is an error; with --quiet it would be none.
 site: setup

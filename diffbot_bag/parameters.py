@@ -30,7 +30,16 @@ class RecorderConfig(NamedTuple):
     topic_polling_interval: Annotated[
         float, Spec("time between two looks for new topics", "s", 0.01, 60.0, read_only=True)
     ] = 0.1
-    flush_period: Annotated[float, Spec("most that a crash can lose", "s", 0.05, 60.0, read_only=True)] = 1.0
+    flush_period: Annotated[
+        float,
+        Spec(
+            "time between two flushes; a crash loses this and the flush's own time at most",
+            "s",
+            0.05,
+            60.0,
+            read_only=True,
+        ),
+    ] = 0.25
     fsync: Annotated[bool, Spec("a flush reaches the disk, so that it survives a power cut, too", read_only=True)] = (
         True
     )
@@ -44,15 +53,9 @@ class RecorderConfig(NamedTuple):
         int,
         Spec("files that are kept, the oldest are deleted; 0: all", minimum=0, maximum=1000, read_only=True),
     ] = 0
-    snapshot_mode: Annotated[
-        bool, Spec("keep messages in memory and write them only when ~/snapshot is called", read_only=True)
-    ] = False
-    snapshot_duration: Annotated[
-        float, Spec("age of the oldest message of a snapshot; 0: no limit", "s", 0.0, 1e6, read_only=True)
-    ] = 0.0
     max_cache_size: Annotated[
         int,
-        Spec("messages in memory that wait for the disk, or for a snapshot", "bytes", 2**20, 2**36, read_only=True),
+        Spec("messages in memory that wait for the disk", "bytes", 2**20, 2**36, read_only=True),
     ] = 100 * 1024**2
     start_paused: Annotated[bool, Spec("record latched topics only until ~/resume", read_only=True)] = False
     qos_profile_overrides_path: Annotated[

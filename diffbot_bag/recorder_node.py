@@ -18,15 +18,13 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from diffbot_bag.bag.qos_overrides import read_overrides
 from diffbot_bag.bag.topic_selection import TopicSelection, absolute
 from diffbot_bag.bag.writer import BagWriteError, BagWriter
-from diffbot_bag.mcap.attachments import HOST, MEDIA_TYPE, PARAMETERS, dump
+from diffbot_bag.mcap.attachments import MEDIA_TYPE, PARAMETERS
 from diffbot_bag.mcap.whole_chunk import Compression
 from diffbot_bag.parameters import RecorderConfig
 from diffbot_bag.record.bag_files import FileLimits
 from diffbot_bag.record.disk import DiskThread
-from diffbot_bag.record.host import host_facts
 from diffbot_bag.record.pending_messages import HeldMessages
 from diffbot_bag.record.recording import Recording
-from diffbot_bag.record.snapshot import SnapshotBuffer
 from diffbot_bag.ros.node_parameters import NodeParameters
 from diffbot_bag.ros.recorded_topics import RecordedTopics
 from diffbot_bag.ros.recorder_services import RecorderServices
@@ -39,8 +37,6 @@ WATCH_PERIOD = 0.5
 """[s] between two looks at the free space and at the file"""
 QUESTION_PERIOD = 0.1
 """[s] between two steps of asking all nodes for their parameters"""
-SNAPSHOT_PERIOD = 0.01
-"""[s] between two parts of a snapshot that is being written"""
 SECOND = 10**9
 """[ns]"""
 
@@ -101,7 +97,6 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
             disk=DiskThread(),
         )
         writer.max_backlog = config.max_cache_size
-        writer.attach(HOST, MEDIA_TYPE, dump(host_facts()))
         return writer
 
     def _make_recording(self) -> Recording:
@@ -109,9 +104,6 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         simulated = bool(self.get_parameter("use_sim_time").value)
         recording = Recording(
             self._writer,
-            snapshot=SnapshotBuffer(config.max_cache_size, round(config.snapshot_duration * SECOND))
-            if config.snapshot_mode
-            else None,
             held=HeldMessages(config.max_held) if simulated else None,
             now=(lambda: self.get_clock().now().nanoseconds) if simulated else None,
         )
@@ -129,8 +121,6 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         ]
         if config.record_parameters:
             work.append((QUESTION_PERIOD, self._parameters_of_all.poll))
-        if config.snapshot_mode:
-            work.append((SNAPSHOT_PERIOD, self._recording.write_snapshot))
         return work
 
     def _unless_failed(self, work: Callable[[], None]) -> Callable[[], None]:
@@ -193,7 +183,6 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
             "lost": str(lost),
             "incomplete": " ".join(incomplete),
             "held": str(self._recording.held),
-            "in memory": str(self._recording.in_memory),
             "stall": f"{self._topics.stall / SECOND:.6f}",
             "delay": f"{self._topics.delay / SECOND:.6f}",
         }
@@ -208,7 +197,6 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
                     f"no /clock received: {self._recording.held} messages keep their time of reception"
                 )
                 self._recording.release(None)
-            self._recording.finish()
             self._parameters_of_all.close()
             self._writer.close(self._custom_data())
         except BagWriteError as error:
@@ -216,14 +204,6 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         if not self._error_reported:
             self._publish_status()
         self.get_logger().info(f"{self._writer.count} messages, {self._lost()} lost, {self._writer.folder}")
-
-    def destroy_node(self) -> None:
-        """Destroy the node and what it watches the graph with."""
-        super().destroy_node()
-        # None of a node whose parameters were refused.
-        topics = getattr(self, "_topics", None)
-        if topics is not None:
-            topics.close()
 
     def _custom_data(self) -> dict[str, str]:
         lost = self._topics.lost()

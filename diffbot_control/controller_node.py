@@ -18,16 +18,14 @@ from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
+from diffbot_control.goals.dock_contact import DockContact
 from diffbot_control.goals.driver import STOP
 from diffbot_control.goals.goal_record import NOT_REACHED
 from diffbot_control.goals.states import ACTIVE
 from diffbot_control.goals.supervisor import Supervisor
-from diffbot_control.law.controller import SwitchingLaw
-from diffbot_control.law.loop_check import unstable_gains
 from diffbot_control.ros.controller_publishers import STATE_LOG_PERIOD, ControllerPublishers
 from diffbot_control.ros.controller_status import BEYOND_LIMITS, LEVELS
 from diffbot_control.ros.frames import robot_frame
-from diffbot_control.ros.goals.keeper import GoalKeeper
 from diffbot_control.ros.goals.nav2_actions import serve_nav2_actions
 from diffbot_control.ros.goals.server import GoalServer
 from diffbot_control.ros.goals.updates import TOPIC as UPDATE_TOPIC
@@ -48,11 +46,17 @@ from diffbot_core.geometry import Pose
 from diffbot_core.ros.managed_node import ManagedNode
 from diffbot_core.ros.node import run
 from diffbot_core.ros.qos import sensor_qos
-from diffbot_core.stamps import PeriodWatch
 from diffbot_core.uncertainty import Uncertainty
 from diffbot_core.units import NS_PER_S
 
 _STATUS_PERIOD = 0.5
+_HAS_POWER = {
+    BatteryState.POWER_SUPPLY_STATUS_CHARGING: True,
+    BatteryState.POWER_SUPPLY_STATUS_FULL: True,
+    BatteryState.POWER_SUPPLY_STATUS_DISCHARGING: False,
+    BatteryState.POWER_SUPPLY_STATUS_NOT_CHARGING: False,
+}
+"""States of a battery from which it follows if a charger supplies the robot."""
 _MIN_WATCH_PERIOD = 1e-3
 """[s] a timer with a period of 0 would use a whole processor."""
 
@@ -74,19 +78,17 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self._robot_frame = robot_frame(config)
         self.outputs = ControllerPublishers(self)
         self._transforms = transforms_of(self, config.transform_tolerance)
-        self._pose_periods = PeriodWatch()
         self._pose_watch = PoseWatch(self.clock_watch)
-        self._checked_period = 0.0
         self._newest_time = 0.0
+        self._contact = DockContact()
         self.goals = GoalServer(self, self.supervisor, self._goals_of, self._now, self.cancel, self._publish_status)
-        self._keeper = GoalKeeper(self, self.goals)
         self._actions = serve_nav2_actions(self, self.goals)
         self.subscribe(PoseStamped, "goal_pose", lambda message: self.goals.singles.take(self._goals_of(message)[0]))
         self._updates = GoalUpdates(self, self.goals)
         self.subscribe(PoseStamped, UPDATE_TOPIC, self._on_goal_update, sensor_qos(config.reliable_inputs))
         self.subscribe(Path, "path", self._on_path, raw=True)
         if hasattr(self.supervisor.memory, "contact"):
-            self.subscribe(Bool, "dock_contact", lambda message: self.supervisor.on_contact(message.data))
+            self.subscribe(Bool, "dock_contact", self._on_switch)
             self.subscribe(BatteryState, "battery_state", self._on_battery)
         self._pose_topic = "pose" if config.pose_source == "pose" else "odometry/filtered"
         self._receive_poses(self._pose_topic)
@@ -97,10 +99,9 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self.create_timer(_STATUS_PERIOD, self._publish_status, clock=self.steady_clock)
 
     def activate(self) -> None:
-        """Start idle, or with the goal of the controller before; see :class:`GoalKeeper`."""
+        """Start without a goal and publish that."""
         self._start_anew()
         self._pose_watch.on_goal()
-        self._keeper.restore()
         # Even without a goal: the first message that a subscriber receives is then the past, and all others are new.
         self.goals.publish_changes(force=True)
         self._publish_status()
@@ -110,13 +111,15 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self.supervisor = self.goals.supervisor = Supervisor(self.config.supervisor, self.law)
         # How earlier goals ended is still to be answered.
         self.supervisor.goals = book
+        # A switch may report changes only.
+        self.supervisor.on_contact(self._contact.touches)
 
     def deactivate(self) -> None:
         """Stop the robot and leave cmd_vel to others; the goal is cancelled."""
+        # First, since the rest may fail, and before the publisher may be destroyed.
+        self.outputs.deliver(STOP)
         self.goals.drop_pending()
         self.supervisor.on_stop()
-        # Before the publisher may be destroyed.
-        self.outputs.deliver(STOP)
         self._publish_status()
         self.goals.publish_changes()
 
@@ -160,7 +163,6 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
     def on_config(self, config: ControllerNodeConfig) -> None:
         """Use changed gains, limits and tolerances from the next pose on."""
         self.supervisor.config = config.supervisor
-        self._checked_period = 0.0
         self._watch.timer_period_ns = int(self._watch_period() * NS_PER_S)
 
     def health_level(self) -> tuple[int, str]:
@@ -179,8 +181,13 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         config = self.config
         self.goals.paths.start(poses_along(read_path(data), config.map_frame, self._transforms, config.max_path_poses))
 
+    def _on_switch(self, message: Bool) -> None:
+        self._contact.on_switch(message.data)
+        self.supervisor.on_contact(self._contact.touches)
+
     def _on_battery(self, message: BatteryState) -> None:
-        self.supervisor.on_contact(message.power_supply_status == BatteryState.POWER_SUPPLY_STATUS_CHARGING)
+        self._contact.on_charger(_HAS_POWER.get(message.power_supply_status))
+        self.supervisor.on_contact(self._contact.touches)
 
     def _on_goal_update(self, message: PoseStamped) -> None:
         if self.supervisor.goals.present is None:
@@ -206,16 +213,6 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
             raise BadMessageError("the controller is inactive")
         self._pose_watch.on_goal()
 
-    def _check_gains(self, stamp: int) -> None:
-        """Warn of gains that cannot be stable at the rate of the poses: once, and again when it has changed."""
-        period = self._pose_periods.next(stamp)
-        if period is None or self.law is not SwitchingLaw or abs(period - self._checked_period) < 0.5 * period:
-            return
-        self._checked_period = period
-        warning = unstable_gains(self.config.supervisor.controller, period)
-        if warning:
-            self.get_logger().warning(warning)
-
     def _on_pose(self, message: PoseWithCovarianceStamped | Odometry) -> None:
         stamp, pose, uncertainty = pose_from(message, self.config.map_frame, self._robot_frame)
         self._answer(stamp, pose, self._fallback() if uncertainty is None else uncertainty)
@@ -238,7 +235,6 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
             self.health.counted[f"{self._pose_topic} without a later stamp"] += 1
         if not self.is_active:
             return advances
-        self._check_gains(stamp)
         if self._pose_watch.is_stale(self.config):
             self._on_tick()
             return advances
@@ -310,7 +306,6 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self.goals.publish_changes()
 
     def _publish_status(self) -> None:
-        self._keeper.save()
         self.outputs.publish_status(self.supervisor, self.law)
 
 

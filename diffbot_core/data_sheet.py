@@ -89,20 +89,19 @@ def fastest(data_sheet: DataSheet) -> tuple[float, float]:
     return min(data_sheet.v_max, rim), min(data_sheet.omega_max, 2.0 * rim / data_sheet.wheels.wheel_separation)
 
 
-def least_time(way: float, speed: float, acceleration: float, period: float = 0.0) -> float:
+def least_time(way: float, speed: float, acceleration: float) -> float:
     """Return the least time [s] from rest to rest, in closed form.
 
     Args:
         way: [m] or [rad], >= 0.
         speed: its bound.
         acceleration: its bound; inf: none.
-        period: [s] for which commands are held; 0: the velocity changes continuously.
     """
     if acceleration == _INF:
         return way / speed
     if way * acceleration >= speed * speed:
-        return way / speed + speed / acceleration - period
-    return 2.0 * math.sqrt(way / acceleration) - period
+        return way / speed + speed / acceleration
+    return 2.0 * math.sqrt(way / acceleration)
 
 
 def leg_times(first: float, way: float, last: float, data_sheet: DataSheet) -> tuple[float, float, float]:

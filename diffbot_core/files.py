@@ -20,7 +20,7 @@ MCAP = b"\x89MCAP0\r\n"
 _BAG = b"rosbag2_bagfile_information"
 """in the metadata.yaml of a bag"""
 _REPORT = (b"<", b"{")
-"""first byte of what commands write as a report: HTML, XML or JSON"""
+"""first byte of what commands write as a report: HTML or JSON"""
 _PICTURE, _PLOTTED = b"\x89PNG", b"Matplotlib"
 """first bytes of a picture, and what stands near them in one that a command draws"""
 
@@ -51,7 +51,7 @@ def check_output(path: Path, inputs: Iterable[Path] = ()) -> None:
         raise DiffbotError(f"cannot write to {path}: it exists already, and the command reads it: choose another name")
     begin = _begin_of(path, 256)
     if begin and not begin.startswith(_REPORT) and not (begin.startswith(_PICTURE) and _PLOTTED in begin):
-        kinds = "no report (HTML, XML, JSON) and no plotted picture"
+        kinds = "no report (HTML, JSON) and no plotted picture"
         raise DiffbotError(f"cannot write to {path}: it exists already, and is {kinds}: choose another name")
 
 

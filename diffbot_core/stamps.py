@@ -1,17 +1,13 @@
-"""Whether the stamps of a stream of messages advance, and how fast; free of ROS."""
+"""Whether the stamps of a stream of messages advance, and how late they arrive; free of ROS."""
 
 from __future__ import annotations
 
 import math
-from collections import deque
-from statistics import median
 
 from diffbot_core.units import S_PER_NS
 
 RESTART_GAP = 10**9
 """[ns] a stamp further back than this belongs to time that began anew, a closer one to a message out of order"""
-PERIODS = 10
-"""periods whose median is that of the stream: single gaps say nothing of it"""
 _MEMORY = 2.0
 """[s] of messages, twice at most, whose least age is the usual one"""
 
@@ -71,19 +67,3 @@ class Lateness:
             self._least_before, self._least, self._since = self._least, age, now
         self._stamp, self._least = stamp, min(self._least, age)
         return age - min(self._least, self._least_before)
-
-
-class PeriodWatch:
-    """Finds the period of a stream of messages by their stamps."""
-
-    def __init__(self) -> None:
-        """Start without a stamp."""
-        self._newest: int | None = None
-        self._periods: deque[int] = deque(maxlen=PERIODS)
-
-    def next(self, stamp: int) -> float | None:
-        """Take a stamp [ns]; return the median of the newest PERIODS periods [s], None before there are so many."""
-        if self._newest is not None and stamp > self._newest:
-            self._periods.append(stamp - self._newest)
-        self._newest = stamp
-        return S_PER_NS * median(self._periods) if len(self._periods) == PERIODS else None

@@ -9,7 +9,6 @@ from diffbot_control.filter.options import FilterConfig, options_of
 from diffbot_control.goals.protocol import Law
 from diffbot_control.law.controller import ControllerConfig, SwitchingLaw
 from diffbot_control.law.goal_checker import GoalTolerance
-from diffbot_control.law.inert import inert_parameters
 from diffbot_control.law.presets import PRESETS, TUNED
 from diffbot_core.errors import InvalidValueError, known_name
 from diffbot_core.geometry import Pose
@@ -20,10 +19,6 @@ from diffbot_sim.model.plant import PlantConfig
 from diffbot_sim.model.sensors import SensorConfig
 
 ORIGIN = Pose(0.0, 0.0, 0.0)
-_SENSORS = {"fix_rate": ("eps_", "fix_"), "heading_rate": ("heading_",), "gyro_rate": ("gyro_",)}
-"""Rates, and how the names of their sensors' other parameters begin."""
-_OF_FILTER = ("heading_rate", "gyro_rate")
-"""Rates of sensors that only the filter reads."""
 
 
 class Configuration(NamedTuple):
@@ -76,28 +71,6 @@ def changes(config: tuple[Any, ...], base: tuple[Any, ...] | None = None) -> str
 def described(name: str, **parts: tuple[Any, ...]) -> str:
     """Return a line that says what runs under a name: the parts of its configuration, with all not the default."""
     return f"{name}: " + "; ".join(f"{part} {changes(config)}" for part, config in parts.items())
-
-
-def inert_in(configuration: Configuration, feedback: str) -> dict[str, str]:
-    """Return the parameters that cannot act in a case, and with what they would.
-
-    Args:
-        configuration: of the case.
-        feedback: one of FEEDBACK_CODES.
-    """
-    controller, sensors = configuration.controller, configuration.sensors
-    found = inert_parameters(controller) if isinstance(controller, ControllerConfig) else {}
-    acting = {one.name for one in parameters_of(PlantConfig)}
-    names = [one.name for one in parameters_of(SensorConfig)]
-    for rate, prefixes in _SENSORS.items():
-        if getattr(sensors, rate) == 0.0 or (rate in _OF_FILTER and feedback != "ekf"):
-            why = f"{rate} > 0" if feedback == "ekf" or rate not in _OF_FILTER else "feedback: ekf"
-            found |= dict.fromkeys((one for one in names if one.startswith(prefixes) and one != rate), why)
-    if feedback == "truth":
-        found |= dict.fromkeys(names, "feedback: ekf or raw")
-    if feedback != "ekf":
-        found |= dict.fromkeys((one.name for one in parameters_of(FilterConfig)), "feedback: ekf")
-    return {name: why for name, why in found.items() if name not in acting}
 
 
 def make_case(

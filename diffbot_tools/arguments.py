@@ -16,7 +16,7 @@ from diffbot_core.foreign_files import shown
 from diffbot_core.schema import parameters_of
 
 MAX_SEED = 2**63 - 1
-OUTPUTS = ("out", "png", "junit", "write", "record")
+OUTPUTS = ("out", "write", "record")
 """Names of the options, of any command, with a path to write to; all other paths are read."""
 Number = TypeVar("Number", int, float)
 

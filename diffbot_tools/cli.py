@@ -14,22 +14,22 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from diffbot_bag.parameters import ReplayConfig
 from diffbot_control.law.presets import PRESETS, TUNED
-from diffbot_core.distribution import entry_points_by_name
+from diffbot_core.distribution import DISTRIBUTION, entry_points_by_name
 from diffbot_core.errors import DiffbotError
 from diffbot_core.launcher import end_on_signals
 from diffbot_core.schema import build, to_dict
 from diffbot_tools.arguments import MAX_SEED, add_flags, check_outputs, ros_parameters, whole
 from diffbot_tools.bag.command import add_bag
-from diffbot_tools.command_help import TopParser, add_examples
-from diffbot_tools.data_commands import add_calibrate, add_import, add_refilter
+from diffbot_tools.command_help import add_examples
+from diffbot_tools.data_commands import add_calibrate, add_refilter
 from diffbot_tools.dock_command import add_dock, add_undock
 from diffbot_tools.goal_command import add_goal
-from diffbot_tools.interfaces.command import add_interfaces
 from diffbot_tools.robot.command import add_robot
 from diffbot_tools.run_command import NODES, add_run
 from diffbot_tools.view.report_command import add_report
@@ -66,7 +66,9 @@ def main(args: list[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = TopParser()
+    parser = argparse.ArgumentParser(prog="diffbot", description="Go-to-pose stack for differential-drive robots.")
+    parser.add_argument("--version", action="version", version=f"%(prog)s {version(DISTRIBUTION)}")
+    commands = parser.add_subparsers(metavar="COMMAND")
     for add in (
         _add_demo,
         add_run,
@@ -75,17 +77,14 @@ def _parser() -> argparse.ArgumentParser:
         add_undock,
         _add_replay,
         add_bag,
-        add_import,
         add_refilter,
         add_calibrate,
         add_watch,
         add_report,
         add_robot,
-        add_interfaces,
-        _add_completion,
         *_further_commands(),
     ):
-        add(parser.commands)
+        add(commands)
     add_examples(parser)
     return parser
 
@@ -128,25 +127,6 @@ def _add_replay(commands: Any) -> None:
     add_flags(replay, ReplayConfig, without=("uri", "bags"))
     replay.add_argument("--ros-args", dest="ros_args", nargs=argparse.REMAINDER, default=[], help="remappings ...")
     replay.set_defaults(call=_replay)
-
-
-def _add_completion(commands: Any) -> None:
-    completion = commands.add_parser("completion", help="print what makes the shell complete commands and flags")
-    completion.add_argument("shell", choices=("bash", "zsh"))
-    completion.set_defaults(call=_completion)
-
-
-def _completion(options: argparse.Namespace) -> int:
-    try:
-        from argcomplete.shell_integration import shellcode  # noqa: PLC0415
-    except ImportError:
-        raise DiffbotError("completion needs argcomplete: pip install argcomplete") from None
-    code = shellcode(["diffbot"], shell=options.shell)
-    if options.shell == "zsh":  # whose completion is off until someone switches it on
-        first, _, rest = code.partition("\n")
-        code = f"{first}\n(( $+functions[compdef] )) || {{ autoload -Uz compinit && compinit }}\n{rest}"
-    print(code)
-    return 0
 
 
 def _demo(options: argparse.Namespace) -> int:

@@ -1,4 +1,4 @@
-"""Arguments and calls of the commands on recorded data: ``diffbot import``, ``refilter`` and ``calibrate``."""
+"""Arguments and calls of the commands on recorded data: ``diffbot refilter`` and ``diffbot calibrate``."""
 
 from __future__ import annotations
 
@@ -9,19 +9,6 @@ from typing import Any
 
 from diffbot_core.errors import DiffbotError
 from diffbot_tools.arguments import duration
-
-
-def add_import(commands: Any) -> None:
-    """Add ``diffbot import`` to the subparsers of the command line."""
-    datasets = commands.add_parser("import", help="write a bag of a public data set (docs/how-to/real-data.md)")
-    names = datasets.add_subparsers(required=True, metavar="DATASET", dest="dataset")
-    mrclam = names.add_parser("mrclam", help="one robot of a set of MR.CLAM")
-    labyrinth = names.add_parser("labyrinth", help="the Labyrinth data set, indoor radio ranges")
-    for one in (mrclam, labyrinth):
-        one.add_argument("folder", type=Path, help="folder of the downloaded text files")
-        one.add_argument("--out", type=Path, required=True, help="folder of the bag, which must not exist")
-        one.set_defaults(call=_import)
-    mrclam.add_argument("--robot", type=int, choices=range(1, 6), required=True, help="its number, 1 to 5")
 
 
 def add_refilter(commands: Any) -> None:
@@ -65,14 +52,6 @@ def _remapping(text: str) -> tuple[str, str]:
     if not found or not topic or name.lstrip("/") not in INPUTS:
         raise argparse.ArgumentTypeError(f"{text!r}: must be NAME:=TOPIC with a NAME of {', '.join(INPUTS)}")
     return name.lstrip("/"), topic
-
-
-def _import(options: argparse.Namespace) -> int:
-    from diffbot_tools.dataset import command as dataset_command  # noqa: PLC0415
-
-    if options.dataset == "mrclam":
-        return dataset_command.import_mrclam(options.folder, options.robot, options.out)
-    return dataset_command.import_labyrinth(options.folder, options.out)
 
 
 def _refilter(options: argparse.Namespace) -> int:

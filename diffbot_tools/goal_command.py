@@ -78,7 +78,7 @@ def add_goal(commands: Any) -> None:
         type=duration,
         default=goal_record.RESTART_TIMEOUT,
         metavar="S",
-        help="time for a controller that died to come back and resume the goal [s] (default: %(default)g)",
+        help="time without a sign of life after which a controller counts as gone [s] (default: %(default)g)",
     )
     goal.set_defaults(call=_call)
 

@@ -47,17 +47,3 @@ def save(figure: Any, *paths: Path) -> None:
         with replacing(path) as part:
             figure.savefig(part, format=path.suffix[1:])
     plt.close(figure)
-
-
-def new_animation(size: tuple[float, float], dots: int) -> tuple[Any, Any, Any]:
-    """Return a figure of ``size`` [inch], high axes on the left, and a square below room for captions on the right."""
-    figure = plt.figure(figsize=size, dpi=dots)
-    wide, near = figure.add_axes((0.06, 0.1, 0.36, 0.87)), figure.add_axes((0.5, 0.1, 0.47, 0.7))
-    for one in (wide, near):
-        one.grid(alpha=0.3)
-    return figure, wide, near
-
-
-def close(figure: Any) -> None:
-    """Release a figure that is not written by :func:`save`."""
-    plt.close(figure)

@@ -1,16 +1,15 @@
-"""The tables of parameters on the pages in docs/reference/parameters/.
+"""The lists of parameters on the pages in docs/reference/parameters/.
 
-A page is written by hand, except for its tables. Each stands in a block that names the node and the parameters that it
-shows, in their order: ``<!-- parameters NODE: NAME finish_* -->`` ... ``<!-- /parameters -->``.
+A page is written by hand, except for its lists. Each list stands in a block that names the nodes and the parameters to
+show, in their order: ``<!--parameters NODE NODE: NAME finish_*-->`` ... ``<!--/parameters-->``. A block of several
+nodes lists parameters that are the same in all of them.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from fnmatch import fnmatchcase
-from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from diffbot_bag.parameters import RecorderConfig, ReplayConfig
 from diffbot_control.law.docking_axis import DockingConfig
@@ -18,10 +17,8 @@ from diffbot_control.law.presets import PAPER, TUNED
 from diffbot_control.ros.parameters.controller import CONTROLLER_PRESETS, ControllerNodeConfig
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.schema import Parameter, parameters_of, to_dict, variant
-from diffbot_lab.targets import markdown_table
 from diffbot_sim.ros.parameters import PlantNodeConfig
 
-FOLDER = Path(__file__).parent / "reference" / "parameters"
 NODES = {
     "controller": ControllerNodeConfig,
     "ekf": EkfNodeConfig,
@@ -30,27 +27,44 @@ NODES = {
     "recorder": RecorderConfig,
     "replay": ReplayConfig,
 }
-_BLOCK = re.compile(r"(<!-- parameters (\w+): ([^>]+) -->\n).*?(<!-- /parameters -->)", re.DOTALL)
+TECHNICAL_MAXIMUM = 100.0
+"""Upper bounds from here on only catch mistakes. Ranges with such a bound are not shown."""
+PAIRS = (("x", "y"), ("left", "right"))
+_BLOCK = re.compile(r"(<!--parameters ([\w ]+): ([^>]+)-->\n).*?(<!--/parameters-->)", re.DOTALL)
 
 
-def pages() -> dict[Path, str]:
-    """Return the text of each page with current tables."""
-    return {path: with_tables(path.read_text()) for path in sorted(FOLDER.glob("*.md"))}
+class Entry(NamedTuple):
+    """One paragraph of a list: one parameter, or a pair of x and y, or of left and right."""
+
+    names: tuple[str, ...]
+    default: str
+    """With its unit."""
+    limits: str
+    """The range, the default of the paper's law, ``fixed``."""
+    text: str
+
+    def paragraph(self) -> str:
+        """Return the Markdown of the entry."""
+        names = ", ".join(f"**`{name}`**" for name in self.names)
+        return f"{names} {self.default}{f' ({self.limits})' if self.limits else ''}: {self.text}"
 
 
-def with_tables(page: str) -> str:
-    """Return a page with current tables in its blocks.
+def with_parameters(page: str) -> str:
+    """Return a page with current lists in its blocks.
 
     Raises:
-        ValueError: a pattern of a block is the name of no parameter.
+        ValueError: a pattern of a block matches no parameter of its nodes, or the nodes differ in a parameter.
     """
-    return _BLOCK.sub(lambda block: f"{block[1]}{_table(block[2], block[3].split())}\n{block[4]}", page)
+    return _BLOCK.sub(lambda block: f"{block[1]}\n{_list(block[2].split(), block[3].split())}\n{block[4]}", page)
 
 
 def shown(page: str) -> list[tuple[str, str]]:
     """Return node and name of each parameter that the blocks of a page show."""
     return [
-        (node, one.name) for _, node, patterns, _ in _BLOCK.findall(page) for one in _selected(node, patterns.split())
+        (node, one.name)
+        for _, nodes, patterns, _ in _BLOCK.findall(page)
+        for node in nodes.split()
+        for one in _selected(node, patterns.split())
     ]
 
 
@@ -64,29 +78,71 @@ def _selected(node: str, patterns: list[str]) -> list[Parameter]:
     return found
 
 
-def _table(node: str, patterns: list[str]) -> str:
+def _list(nodes: list[str], patterns: list[str]) -> str:
+    entries = _entries(nodes[0], patterns)
+    for node in nodes[1:]:
+        if different := set(entries) ^ set(_entries(node, patterns)):
+            raise ValueError(f"{nodes[0]} and {node} differ in {sorted({one.names[0] for one in different})}")
+    return "\n\n".join(one.paragraph() for one in _merged(entries))
+
+
+def _entries(node: str, patterns: list[str]) -> list[Entry]:
     tuned, paper = (to_dict(CONTROLLER_PRESETS[name]) if node == "controller" else {} for name in (TUNED, PAPER))
     all_fixed = all(one.spec.read_only for one in parameters_of(NODES[node]))
-    rows = [list(_cells(one, tuned, paper, not all_fixed)) for one in _selected(node, patterns)]
-    return "\n".join(markdown_table(("parameter", "default", "allowed", "meaning"), rows))
+    return [_entry(one, tuned, paper, not all_fixed) for one in _selected(node, patterns)]
 
 
-def _cells(parameter: Parameter, tuned: dict[str, Any], paper: dict[str, Any], mark_fixed: bool) -> Iterator[str]:
+def _entry(parameter: Parameter, tuned: dict[str, Any], paper: dict[str, Any], mark_fixed: bool) -> Entry:
     name, spec = parameter.name, parameter.spec
-    default = _text(tuned.get(name, parameter.default))
+    default, unit = _text(tuned.get(name, parameter.default)), spec.unit
+    if unit not in ("", "-"):
+        default += f" [{unit}]" if default == "empty" else f" {unit}"
+    notes = [_range(parameter, default)]
     if tuned.get(name) != paper.get(name):
-        default += f" (paper: {_text(paper[name])})"
-    if spec.unit not in ("", "-"):
-        default += f" [{spec.unit}]" if default == "-" else f" {spec.unit}"
-    allowed = spec.bound() if parameter.type in (float, int) or spec.choices else ""
-    allowed = re.sub(r">= (\S+) and <= (\S+)", r"[\1, \2]", allowed.removeprefix("one of "))
-    for cell in (f"`{name}`", default, allowed, spec.text + (" (fixed)" if mark_fixed and spec.read_only else "")):
-        yield cell.replace("|", "\\|")
+        notes.append(f"paper: {_text(paper[name])}")
+    if mark_fixed and spec.read_only:
+        notes.append("fixed")
+    text = spec.text.replace("*", "\\*").replace("<", "&lt;")
+    return Entry((name,), default, "; ".join(filter(None, notes)), text)
+
+
+def _merged(entries: list[Entry]) -> list[Entry]:
+    """Return the entries, with one entry for neighbours that differ in name and in one word of PAIRS."""
+    found: list[Entry] = []
+    for entry in entries:
+        if found and (text := _common_text(found[-1], entry)):
+            found[-1] = found[-1]._replace(names=found[-1].names + entry.names, text=text)
+        else:
+            found.append(entry)
+    return found
+
+
+def _common_text(first: Entry, second: Entry) -> str:
+    """Return the text for both entries, such as ``x/y of the dock``; an empty string if more than a word differs."""
+    for one, other in PAIRS:
+        text = re.sub(rf"\b{one}\b", f"{one}/{other}", first.text, count=1)
+        if second[1:] == first._replace(text=re.sub(rf"\b{one}\b", other, first.text, count=1))[1:]:
+            return text
+    return ""
+
+
+def _range(parameter: Parameter, default: str) -> str:
+    """Return the allowed values in one word: ``0..60``, ``0..10|inf``, ``..inf`` or ``tuned|paper``."""
+    spec = parameter.spec
+    if spec.choices:
+        return "|".join(spec.choices)
+    if parameter.type not in (float, int):
+        return ""
+    if spec.maximum >= TECHNICAL_MAXIMUM:
+        return "..inf" if spec.allow_inf and not default.startswith("inf") else ""
+    if (spec.minimum, spec.maximum, spec.unit) == (0.0, 1.0, "-"):
+        return ""
+    return f"{spec.minimum:g}..{spec.maximum:g}" + ("|inf" if spec.allow_inf else "")
 
 
 def _text(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if not value and isinstance(value, (str, tuple)):
-        return "-"
+        return "empty"
     return f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -1,7 +1,8 @@
-"""The tutorials as programs: ``python docs/tutorial_run.py [NAME ...]`` runs them and writes the outputs they show.
+"""The pages that are programs: tutorials, and how-to pages with a block of output.
 
-On a page, a block ``sh`` is run, a block with ``title="NAME"`` is a file that the reader saves, and a block ``text``
-titled ``Output`` is what the commands before it print. ``Output (your numbers differ)`` is compared without numbers.
+On such a page a block ``sh`` is run, a block with ``title="NAME"`` is a file that the reader saves, and a block
+``text`` titled ``Output`` is what the commands before it print. Blocks titled ``Output (your numbers differ)`` are
+compared without numbers.
 """
 
 from __future__ import annotations
@@ -14,12 +15,12 @@ import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
-PAGES = Path(__file__).parent / "tutorials"
+DOCS = Path(__file__).parent
 EXACT, VARYING = "Output", "Output (your numbers differ)"
 HOME = "~/first"
-"""The empty folder, as docs/tutorials/index.md names it."""
+"""The empty folder in which the reader works, as docs/tutorials/index.md names it."""
 MARKER = "--- end of block ---"
-LONGEST = 800.0
+TIMEOUT = 800.0
 """[s] for a whole page, on a machine that is busy with other work"""
 _BLOCK = re.compile(r'^```(?P<language>\w+)(?: title="(?P<title>[^"]+)")?\n(?P<body>.*?)^```$', re.M | re.S)
 _NUMBER = re.compile(r"[-+]?\d+(?:[.,]\d+)*(?:e[-+]?\d+)?")
@@ -34,10 +35,16 @@ class Block(NamedTuple):
     start: int
     end: int
 
+    @property
+    def is_output(self) -> bool:
+        """True if the block shows what a command prints."""
+        return self.title in (EXACT, VARYING)
 
-def tutorials() -> list[Path]:
-    """Return the pages that have something to run."""
-    return [page for page in sorted(PAGES.glob("*.md")) if page.name not in ("index.md", "picture.md")]
+
+def pages() -> list[Path]:
+    """Return the pages that show an output."""
+    paths = sorted(path for folder in ("tutorials", "how-to") for path in (DOCS / folder).glob("*.md"))
+    return [path for path in paths if any(one.is_output for one in blocks(path.read_text()))]
 
 
 def blocks(text: str) -> list[Block]:
@@ -49,26 +56,26 @@ def run(text: str, folder: Path, **variables: str) -> list[str]:
     """Run a page in an empty folder; return what each ``sh`` block printed.
 
     Args:
-        text: of the page.
-        folder: where it runs.
-        variables: of the environment, beside those of this process.
+        text: Markdown of the page.
+        folder: working directory of the commands.
+        variables: environment variables beside those of this process.
 
     Raises:
         RuntimeError: a command failed; the message has its output and its errors.
     """
-    # What a failed page leaves running is ended with it.
+    # A page that fails ends the processes that it started.
     script = ["set -e", "trap 'kill $(jobs -p) 2>/dev/null || true' EXIT"]
     for block in blocks(text):
         if block.language == "sh":
             script += [block.body, f"echo '{MARKER}'"]
         elif block.title and block.language != "text":
-            # Quoted, so that the shell leaves the text alone.
+            # Quoted, so that the shell does not expand the text.
             script.append(f"cat > {block.title} <<'END OF FILE'\n{block.body}END OF FILE")
     path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
     environment = {**os.environ, "PATH": path, "COLUMNS": "120", **variables}
     command = ["bash", "-c", "\n".join(script)]
     done = subprocess.run(
-        command, cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=LONGEST
+        command, cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=TIMEOUT
     )
     if done.returncode:
         raise RuntimeError(f"status {done.returncode}\n{done.stdout}\n{done.stderr}")
@@ -76,22 +83,13 @@ def run(text: str, folder: Path, **variables: str) -> list[str]:
     return [part.lstrip("\n") for part in printed.split(MARKER + "\n")[:-1]]
 
 
-def with_output(text: str, printed: list[str]) -> str:
-    """Return a page whose blocks titled Output show what was printed."""
-    parts, last = [], 0
-    for block, shown in outputs(text, printed):
-        parts += [text[last : block.start], shown]
-        last = block.end
-    return "".join([*parts, text[last:]])
-
-
 def outputs(text: str, printed: list[str]) -> list[tuple[Block, str]]:
-    """Return each block titled Output with what the ``sh`` block before it printed."""
-    found, waiting, latest = [], iter(printed), ""
+    """Return each block of output with what the ``sh`` block before it printed."""
+    found, remaining, latest = [], iter(printed), ""
     for block in blocks(text):
         if block.language == "sh":
-            latest = next(waiting)
-        elif block.title in (EXACT, VARYING):
+            latest = next(remaining)
+        elif block.is_output:
             found.append((block, latest))
     return found
 
@@ -102,15 +100,13 @@ def comparable(text: str, title: str) -> list[str]:
     return [" ".join(re.sub(r"-{3,}", "---", line).split()) for line in masked.strip().splitlines()]
 
 
-def main(names: list[str]) -> None:
-    """Run the tutorials, or those of these names, and write their outputs into the pages."""
-    for page in tutorials():
-        if not names or page.stem in names:
-            with tempfile.TemporaryDirectory() as folder:
-                text = page.read_text()
-                page.write_text(with_output(text, run(text, Path(folder))))
-            print(f"{page.name} written", flush=True)
-
-
-if __name__ == "__main__":
-    main(sys.argv[1:])
+def fresh(page: Path) -> str:
+    """Run a page; return its text with what was printed, or an empty string if the page shows the same already."""
+    text, parts, last, differs = page.read_text(), [], 0, False
+    with tempfile.TemporaryDirectory() as folder:
+        printed = run(text, Path(folder))
+    for block, output in outputs(text, printed):
+        differs |= comparable(output, block.title) != comparable(block.body, block.title)
+        parts += [text[last : block.start], output]
+        last = block.end
+    return "".join([*parts, text[last:]]) if differs else ""

@@ -57,4 +57,4 @@ class StraightLine:
 if __name__ == "__main__":
     from diffbot_tools.cli import main
 
-    sys.exit(main(["benchmark", "--law", "straight_line:StraightLine", *sys.argv[1:]]))
+    sys.exit(main(["benchmark", "switching", "--law", "straight_line:StraightLine", *sys.argv[1:]]))

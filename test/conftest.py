@@ -40,7 +40,9 @@ if (Path(sys.prefix) / "share" / "std_msgs").is_dir() and sys.prefix not in _PRE
 TESTS = Path(__file__).parent
 LEFT_OUT = requirements.left_out(requirements.missing_packages())
 collect_ignore = list(LEFT_OUT)
-PROCESSES = ("graph/", "faults/", "real/")
+PROCESSES = ("graph/", "faults/", "real/", "slow/")
+LONGEST_FIRST = ("install", "study", "graph")
+"""Marks, by the time that a file of such tests takes."""
 STUDIES = (
     "lab/arena/",
     "lab/campaign/",
@@ -49,7 +51,6 @@ STUDIES = (
     "lab/stability/",
     "sim/compiled/",
     "tools/calibration/",
-    "tools/dataset/",
 )
 
 
@@ -76,29 +77,29 @@ def kept_signal_handlers():
 
 
 def pytest_addoption(parser):
-    """Add the options of the fault suite (test/faults)."""
-    group = parser.getgroup("faults")
-    group.addoption("--faults", choices=("short", "full"), default="short", help="how often each fault is tried")
-    group.addoption("--faults-share", metavar="K/N", default="0/1", help="every N-th trial from number K on")
-    group.addoption("--faults-results", metavar="FILE", help="gets a line for each result of the fault suite")
-    group.addoption("--real-json", metavar="FILE", help="where the figures of test/real are written")
+    """Add the option of test/real."""
+    parser.addoption("--real-json", metavar="FILE", help="where the figures of test/real are written")
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """Mark rooms as a whole: test/graph, faults and real with ``graph``, compiled loops and their runs with ``study``.
+    """Mark rooms as a whole, and begin with the files that take longest, so that no worker is left with one at the end.
 
-    Tests of other rooms that start nodes carry the mark themselves.
+    Tests of other rooms that start nodes carry the mark ``graph`` themselves.
     """
     rooms = {path: path.relative_to(TESTS).as_posix() for path in {item.path for item in items}}
+    ranks = {}
     for item in items:
         room = rooms[item.path]
         if room.startswith(PROCESSES):
             item.add_marker(pytest.mark.graph)
-        if room.startswith("faults/"):
-            item.add_marker(pytest.mark.fault)
         if room.startswith(STUDIES):
             item.add_marker(pytest.mark.study)
+        rank = next(
+            (rank for rank, mark in enumerate(LONGEST_FIRST) if item.get_closest_marker(mark)), len(LONGEST_FIRST)
+        )
+        ranks[item.path] = min(rank, ranks.get(item.path, rank))
+    items.sort(key=lambda item: ranks[item.path])
 
 
 def pytest_report_header():

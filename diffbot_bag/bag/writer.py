@@ -155,11 +155,6 @@ class BagWriter:
             self._seal()
             self._split_large_file()
 
-    def remember(self, message: Held) -> None:
-        """Take note of a message that is not written: if latched, it belongs at the head of the next file."""
-        if (latched := self._latched.get(message.channel)) is not None:
-            latched.keep(message)
-
     def is_latched(self, channel: int) -> bool:
         """Return whether a publisher of the channel's topic is transient local."""
         return channel in self._latched
@@ -223,13 +218,14 @@ class BagWriter:
         """Bring everything written so far out of this process, and with ``sync`` to the disk.
 
         It then survives a crash of the process; with ``sync`` one of the machine, too. With a DiskThread this is done
-        a moment later.
+        a moment later. A file that has reached its largest size ends: few messages may never fill a chunk.
 
         Raises:
             BagWriteError: if the disk is full; the bag is then closed.
         """
         self._seal()
         self._run(partial(self._flush, sync, self.count))
+        self._split_large_file()
 
     def _flush(self, sync: bool, count: int) -> None:
         self._files.flush(sync)

@@ -1,4 +1,4 @@
-"""Attachments of a file, read and verified; and those of the recorder: parameters of the nodes, facts of the host."""
+"""Attachments of a file, read and verified; and that of the recorder: the parameters of the nodes."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from diffbot_bag.mcap.format import ATTACHMENT, CRC, RECORD
 from diffbot_core.errors import DiffbotError
 from diffbot_core.foreign_files import shown
 
-PARAMETERS, HOST = "parameters.json", "host.json"
-"""Names of the attachments."""
+PARAMETERS = "parameters.json"
+"""Name of the attachment."""
 MEDIA_TYPE = "application/json"
 MAX_ATTACHMENT = 16 * 2**20
 """[bytes] of an attachment that is read"""
@@ -43,12 +43,7 @@ def dump_parameters(parameters: Mapping[str, Mapping[str, Any]]) -> bytes:
         node: {name: HIDDEN if _SECRET.search(name) else _plain(value) for name, value in values.items()}
         for node, values in parameters.items()
     }
-    return dump(plain)
-
-
-def dump(content: Mapping[str, Any]) -> bytes:
-    """Return JSON."""
-    return (json.dumps(content, indent=1, allow_nan=False, sort_keys=True) + "\n").encode()
+    return (json.dumps(plain, indent=1, allow_nan=False, sort_keys=True) + "\n").encode()
 
 
 def _plain(value: Any) -> Any:

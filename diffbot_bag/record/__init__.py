@@ -1,1 +1,1 @@
-"""Recording without ROS: chunks, files, splits, latched messages, snapshots and facts of the host."""
+"""Recording without ROS: chunks, files, splits, and latched messages."""

@@ -39,10 +39,6 @@ class RecordedTopic:
         self.polls = 0
         self.unmatched: dict[str, str] = {}
         """why a publisher is not recorded, by the name of its node; empty if all are"""
-        self.foreign_type = ""
-        """the type of such a publisher, if it is another one than the topic's"""
-        self.offers: tuple[Qos, ...] = ()
-        """of the publishers of that type; of all, if there is none"""
         self._receive: Receive = _nothing
         self._class: Any = None
         self._replacement: _Replacement | None = None
@@ -82,14 +78,9 @@ class RecordedTopic:
             self.unmatched = {}
             return {}
         before, self.unmatched = self.unmatched, {}
-        publishers = node.get_publishers_info_by_topic(self.name)
-        for publisher in publishers:
+        for publisher in node.get_publishers_info_by_topic(self.name):
             if reason := self._mismatch(publisher):
                 self.unmatched[full_name(publisher)] = reason
-                if publisher.topic_type != self.type_name:
-                    self.foreign_type = self.foreign_type or publisher.topic_type
-        counted = self.foreign_type or self.type_name
-        self.offers = offers([publisher for publisher in publishers if publisher.topic_type == counted])
         return {name: reason for name, reason in self.unmatched.items() if before.get(name) != reason}
 
     def _mismatch(self, publisher: Any) -> str:

@@ -12,7 +12,6 @@ from diffbot_bag.bag.writer import BagWriteError, BagWriter
 from diffbot_bag.record.recording import PAUSED, Recording
 from diffbot_bag.ros import conversions as ros_conversions
 from diffbot_bag.ros.recorded_topic import Receive, RecordedTopic
-from diffbot_bag.ros.unmatched_messages import UnmatchedMessages
 from diffbot_core.errors import DiffbotError
 
 QUIET = 0.05
@@ -45,8 +44,6 @@ class RecordedTopics:
         self._fail, self._overrides = fail, overrides
         self._topics: dict[str, RecordedTopic] = {}
         self._refused: set[str] = set()
-        self._unmatched = UnmatchedMessages(node, node.config.depth)
-        self._at_end = False
         self.unwritten = 0
         """messages received that could not be written"""
         self.stall = 0
@@ -68,26 +65,22 @@ class RecordedTopics:
                 self._refuse(name, f"has several types ({', '.join(types)})")
             else:
                 self._subscribe(name, types[0])
-        self._unmatched.poll()
         news = False
         for topic in self._topics.values():
             found = topic.update(self._node)
             news = news or bool(found)
-            self._note_unmatched(topic, found)
+            self._report_unmatched(topic, found)
             self._writer.note_publishers(topic.channel, topic.gaps.publishers)
             self._node.health.accepted[topic.name] = topic.received
         return news
 
-    def _note_unmatched(self, topic: RecordedTopic, found: dict[str, str]) -> None:
+    def _report_unmatched(self, topic: RecordedTopic, found: dict[str, str]) -> None:
         logger = self._node.get_logger()
         for name, reason in found.items():
             if not reason.startswith("its type") and topic.weaken(self._node):
                 logger.info(f"{topic.name}: subscribing anew because of {name}: {reason}")
                 continue
             logger.warning(f"{topic.name}: {name} is not recorded: {reason}")
-            self._unmatched.watch(topic, _counted(topic))
-        if missing := self._unmatched.lost(topic, _counted(topic)):
-            self._node.health.dropped[topic.name, "publisher not matched"] = missing
 
     def _refuse(self, name: str, reason: str) -> None:
         self._refused.add(name)
@@ -168,10 +161,7 @@ class RecordedTopics:
 
     def lost(self) -> dict[str, int]:
         """Return how many messages of each topic are known to be lost before they were received."""
-        return {
-            topic.name: topic.gaps.lost + self._unmatched.lost(topic, _counted(topic), self._at_end)
-            for topic in self._topics.values()
-        }
+        return {topic.name: topic.gaps.lost for topic in self._topics.values()}
 
     def take_pending(self) -> None:
         """At the end, record messages sent before now that are queued or still in transit."""
@@ -187,13 +177,3 @@ class RecordedTopics:
             time.sleep(QUIET / 10)
         for topic in self._topics.values():
             topic.finish(self._node)
-        self._unmatched.poll()
-        self._at_end = True
-
-    def close(self) -> None:
-        """Leave the graph."""
-        self._unmatched.close()
-
-
-def _counted(topic: RecordedTopic) -> int:
-    return topic.received + topic.gaps.lost

@@ -14,7 +14,7 @@ Answer = tuple[bool, str]
 
 
 class RecorderServices:
-    """Offers ``~/split_bagfile``, ``~/snapshot``, ``~/pause``, ``~/resume`` and ``~/is_paused``."""
+    """Offers ``~/split_bagfile``, ``~/pause``, ``~/resume`` and ``~/is_paused``."""
 
     def __init__(
         self,
@@ -29,14 +29,13 @@ class RecorderServices:
         Args:
             node: the recorder.
             writer: of the bag.
-            recording: what is paused, or has messages in memory.
+            recording: is paused and resumed.
             fail: called when the bag cannot be written.
             changed: called after each service.
         """
         self._writer, self._recording, self._fail, self._changed = writer, recording, fail, changed
         for name, action in (
             ("split_bagfile", self._split),
-            ("snapshot", recording.take_snapshot),
             ("pause", lambda: self._pause(True)),
             ("resume", lambda: self._pause(False)),
             ("is_paused", self._is_paused),

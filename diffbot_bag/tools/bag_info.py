@@ -215,7 +215,7 @@ def _compressions(files: Iterable[McapFile]) -> list[ChunkTotals]:
 
 
 def info_as_plain(info: BagInfo) -> dict[str, Any]:
-    """Return the content of ``diffbot bag info --json``; docs/reference/bags/inspect.md describes it."""
+    """Return the content of ``diffbot bag info --json``; docs/reference/bags.md describes it."""
     return {
         "schema_version": SCHEMA_VERSION,
         "path": str(info.path),

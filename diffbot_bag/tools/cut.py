@@ -1,4 +1,4 @@
-"""Bags made of parts of other bags: trim, filter, merge and split."""
+"""Bags made of parts of other bags: trim, filter and merge."""
 
 from __future__ import annotations
 
@@ -18,8 +18,7 @@ from diffbot_bag.tools.latched import at_time, delivered, last_before, latches_o
 from diffbot_bag.tools.output_bag import Description, OutputBag
 from diffbot_bag.tools.source_bag import Row, SourceBag, SourceFile
 from diffbot_bag.tools.span import Span
-from diffbot_bag.tools.split_bag import FileLimits, SplitBag
-from diffbot_bag.tools.time_order import Piece, Progress, crossing, crossing_files, pieces_of, send
+from diffbot_bag.tools.time_order import Piece, Progress, crossing_files, pieces_of, send
 from diffbot_core.errors import DiffbotError
 from diffbot_core.foreign_files import shown
 
@@ -39,8 +38,6 @@ class NewBag(NamedTuple):
     together: set[int]
     """``order`` of the pieces to unpack, since they share times with others."""
     description: Description
-    limits: FileLimits | None = None
-    """of each file; None: one file."""
 
     @property
     def size(self) -> int:
@@ -62,15 +59,10 @@ class NewBag(NamedTuple):
         def may_copy(piece: Piece) -> bool:
             return id(piece.numbers) in unchanged and piece.order not in self.together
 
-        with new_bag_folder(folder) as part, self._open(part) as bag:
+        with new_bag_folder(folder) as part, OutputBag(part, self.channels, self.description) as bag:
             bag.write(self.head)
             send(self.pieces, self.span, may_copy, bag, progress)
             return bag.finish()
-
-    def _open(self, folder: Path) -> OutputBag:
-        if self.limits:
-            return SplitBag(folder, self.channels, self.description, self.limits)
-        return OutputBag(folder, self.channels, self.description)
 
 
 def trim(bag: SourceBag, span: Span, *, latched: bool = True) -> NewBag:
@@ -135,17 +127,6 @@ def merge(bags: Sequence[SourceBag]) -> NewBag:
     channels = join_channels(files, _everything)
     pieces = pieces_of(files, channels)
     return NewBag(channels, pieces, Span(), [], crossing_files(pieces), _description(bags))
-
-
-def split(bag: SourceBag, limits: FileLimits) -> NewBag:
-    """Return the same bag in several files.
-
-    Raises:
-        DiffbotError: if its files contradict each other.
-    """
-    channels = join_channels(bag.files, _everything)
-    pieces = pieces_of(bag.files, channels)
-    return NewBag(channels, pieces, Span(), [], crossing(pieces), _description([bag]), limits)
 
 
 def _everything(topic: str, type_name: str) -> bool:

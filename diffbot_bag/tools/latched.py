@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from diffbot_bag.bag.qos import Qos
 from diffbot_bag.tools.source_bag import Row
-from diffbot_bag.tools.span import ALWAYS, Span
+from diffbot_bag.tools.span import Span
 from diffbot_bag.tools.time_order import Piece
 
 _TIME = struct.Struct("<Q")
@@ -50,7 +50,7 @@ def last_before(pieces: Iterable[Piece], time: int, latches: Mapping[int, Latch]
 
     Args:
         pieces: in any order.
-        time: [ns] ALWAYS: those after the last message.
+        time: [ns] exclusive.
         latches: of channels by their new numbers.
 
     Raises:
@@ -81,39 +81,3 @@ def last_before(pieces: Iterable[Piece], time: int, latches: Mapping[int, Latch]
 def delivered(rows: Iterable[Row], time: int, latches: Mapping[int, Latch]) -> list[Row]:
     """Return those of these messages whose lifespan has not ended at ``time`` [ns]."""
     return [row for row in rows if time - row[0] <= latches[row[1]].lifespan]
-
-
-class LatchedHistory:
-    """The last messages of latched channels among all that was written, for the head of the next file."""
-
-    def __init__(self, latches: Mapping[int, Latch]) -> None:
-        """Begin without messages."""
-        self._latches = latches
-        self._rows: dict[int, list[Row]] = {number: [] for number in latches}
-        self._pieces: list[Piece] = []
-
-    def add_piece(self, piece: Piece) -> None:
-        """Note a chunk that was copied; it is unpacked only if :meth:`rows` needs it."""
-        self._pieces.append(piece)
-
-    def add_rows(self, rows: Iterable[Row]) -> None:
-        """Note messages."""
-        for row in rows:
-            kept = self._rows.get(row[1])
-            if kept is not None:
-                kept.append(row)
-                del kept[: -self._latches[row[1]].depth]
-
-    def rows(self) -> list[Row]:
-        """Return the last messages, in the order of log time.
-
-        Raises:
-            DiffbotError: if a chunk is damaged.
-        """
-        for row in last_before(self._pieces, ALWAYS, self._latches):
-            self._rows[row[1]].append(row)
-        self._pieces.clear()
-        for number, kept in self._rows.items():
-            kept.sort(key=itemgetter(0))
-            del kept[: -self._latches[number].depth]
-        return sorted((row for kept in self._rows.values() for row in kept), key=itemgetter(0))

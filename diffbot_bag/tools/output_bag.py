@@ -1,4 +1,4 @@
-"""Write a bag of one file or several, with the metadata of each file and of all."""
+"""Write a bag of one file, with its metadata in the file and beside it."""
 
 from __future__ import annotations
 
@@ -26,24 +26,21 @@ class Description(NamedTuple):
     compression: Compression
     """of new chunks"""
     attached: Sequence[tuple[SourceFile, AttachmentIndex | MetadataIndex]]
-    """Attachments and metadata records, which every file gets."""
+    """Attachments and metadata records."""
 
 
 class OutputBag:
-    """A bag that is being written, in one file. Leave the ``with`` block to close it, :meth:`finish` to complete it."""
+    """A bag that is being written. Leave the ``with`` block to close it, :meth:`finish` to complete it."""
 
     def __init__(self, folder: Path, channels: Channels, description: Description) -> None:
-        """Create the folder and its first file.
+        """Create the folder and its file.
 
         Raises:
             OSError: if they cannot be written.
         """
         self._folder, self._channels, self._description = folder, channels, description
-        self._written: list[OutputFile] = []
         folder.mkdir(parents=True)
         self._file = self._open()
-        # What the metadata record of a file takes, whose numbers get longer.
-        self._reserve = 2 * len(metadata.to_yaml(self._metadata([self._file]), root=False))
 
     def __enter__(self) -> OutputBag:
         """Return the bag itself."""
@@ -59,7 +56,7 @@ class OutputBag:
         self._file.abandon()
 
     def _open(self) -> OutputFile:
-        path = self._folder / f"{self._folder.name}_{len(self._written)}.mcap"
+        path = self._folder / f"{self._folder.name}_0.mcap"
         file = OutputFile(path.open("xb"), compression=self._description.compression)
         try:
             for schema in self._channels.schemas.values():
@@ -72,10 +69,6 @@ class OutputBag:
             file.abandon()
             raise
         return file
-
-    def takes(self, chunk: WholeChunk) -> bool:
-        """Return whether the next chunk can be copied whole."""
-        return True
 
     def copy(self, piece: Piece, chunk: WholeChunk) -> None:
         """Append a chunk.
@@ -93,32 +86,29 @@ class OutputBag:
         """
         self._file.write(rows)
 
-    def _end_file(self) -> None:
-        self._file.end_chunk()
-        self._file.add_metadata(RECORD_NAME, metadata.to_record(self._metadata([self._file])))
-        self._file.finish()
-        self._written.append(self._file)
-
     def finish(self) -> BagMetadata:
-        """End the last file and write metadata.yaml; return its contents.
+        """End the file and write metadata.yaml; return its contents.
 
         Raises:
             OSError: if the disk is full.
         """
-        self._end_file()
-        facts = self._metadata(self._written)
+        self._file.end_chunk()
+        facts = self._metadata()
+        self._file.add_metadata(RECORD_NAME, metadata.to_record(facts))
+        self._file.finish()
         metadata.write(self._folder, facts)
         return facts
 
-    def _metadata(self, files: Sequence[OutputFile]) -> BagMetadata:
+    def _metadata(self) -> BagMetadata:
+        file = self._file
         return metadata.of_files(
-            [FileInformation(file.path.name, file.start, file.end - file.start, file.message_count) for file in files],
-            topics=self._topics(files),
+            [FileInformation(file.path.name, file.start, file.end - file.start, file.message_count)],
+            topics=self._topics(),
             custom_data=self._description.custom_data,
             ros_distro=self._description.ros_distro,
         )
 
-    def _topics(self, files: Sequence[OutputFile]) -> tuple[Topic, ...]:
+    def _topics(self) -> tuple[Topic, ...]:
         topics: dict[str, Topic] = {}
         for number, channel in self._channels.channels.items():
             schema = self._channels.schemas.get(channel.schema_id)
@@ -127,7 +117,7 @@ class OutputBag:
                 type=schema.name if schema else "",
                 type_hash=channel.metadata.get(HASH_KEY, ""),
                 qos=self._channels.qos[number],
-                message_count=sum(file.counts[number] for file in files),
+                message_count=self._file.counts[number],
             )
             if known := topics.get(topic.name):
                 count = known.message_count + topic.message_count

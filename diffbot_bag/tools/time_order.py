@@ -49,10 +49,6 @@ class Piece(NamedTuple):
 class Sink(Protocol):
     """What receives the messages."""
 
-    def takes(self, chunk: WholeChunk) -> bool:
-        """Return whether the next chunk can be copied whole."""
-        ...
-
     def copy(self, piece: Piece, chunk: WholeChunk) -> None:
         """Receive a chunk."""
         ...
@@ -76,22 +72,6 @@ def pieces_of(files: Sequence[SourceFile], channels: Channels) -> list[Piece]:
             start, end = file.span()
             pieces.append(Piece(start, len(pieces), end, file, own.numbers, None, file.size))
     return sorted(pieces, key=itemgetter(0, 1))
-
-
-def crossing(pieces: Sequence[Piece]) -> set[int]:
-    """Return the ``order`` of the pieces that cannot follow each other whole; ``pieces`` by their first log time.
-
-    Two pieces that share no more than the time where they touch can, if the one of the lower order comes first.
-    """
-    found = set()
-    latest = (-1, -1)
-    for number, piece in enumerate(pieces):
-        end = (piece.end, piece.order)
-        following = _begin(pieces[number + 1]) if number + 1 < len(pieces) else end
-        if latest > _begin(piece) or following < end:
-            found.add(piece.order)
-        latest = max(latest, end)
-    return found
 
 
 def crossing_files(pieces: Sequence[Piece]) -> set[int]:
@@ -123,7 +103,7 @@ def send(
     Args:
         pieces: all that reach into the span, by their first log time.
         span: of the log times to keep.
-        may_copy: whether a piece inside the span can be copied whole, if the sink takes it.
+        may_copy: True if a piece inside the span can be copied whole.
         sink: receives them; its errors are passed on.
         progress: receives the bytes read.
 
@@ -138,7 +118,7 @@ def send(
             chunk = None
             if piece.place and span.start <= piece.start and piece.end < span.end and may_copy(piece):
                 chunk = piece.file.whole_chunk(piece.place)
-            if chunk and sink.takes(chunk):
+            if chunk:
                 sink.copy(piece, chunk)
             elif rows := piece.rows(span):
                 heapq.heappush(heap, (rows[0][0], piece.order, 0, rows))

@@ -14,7 +14,7 @@ Which event leads where stands in one table, :mod:`diffbot_control.goals.states`
 from diffbot_control.goals.configuration import SupervisorConfig
 from diffbot_control.goals.driver import LawError
 from diffbot_control.goals.goal_record import ENDS, GoalBook, GoalRecord, GoalRequest
-from diffbot_control.goals.protocol import Law
+from diffbot_control.goals.protocol import Law, data_sheet_of, tolerance_of
 from diffbot_control.goals.states import STATUS_TEXTS, TABLE, Event, State
 from diffbot_control.goals.supervisor import Supervisor
 
@@ -31,4 +31,6 @@ __all__ = [
     "State",
     "Supervisor",
     "SupervisorConfig",
+    "data_sheet_of",
+    "tolerance_of",
 ]

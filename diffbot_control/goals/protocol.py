@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import Any, Protocol
 
 from diffbot_control.law.configuration import Report
+from diffbot_control.law.goal_checker import GoalTolerance
+from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import Estimate
@@ -42,3 +44,15 @@ class Law(Protocol):
             config: parameters and data sheet.
         """
         ...
+
+
+def data_sheet_of(config: Any) -> DataSheet | None:
+    """Return the data sheet in the configuration of a law; None if the law does not have one."""
+    sheet = getattr(config, "data_sheet", None)
+    return sheet if isinstance(sheet, DataSheet) else None
+
+
+def tolerance_of(config: Any) -> GoalTolerance:
+    """Return the tolerances in the configuration of a law; the defaults if the law does not have any."""
+    tolerance = getattr(config, "tolerance", None)
+    return tolerance if isinstance(tolerance, GoalTolerance) else GoalTolerance()

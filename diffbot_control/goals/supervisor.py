@@ -12,7 +12,7 @@ from diffbot_control.goals.configuration import SupervisorConfig
 from diffbot_control.goals.driver import STOP, LawError, driver_of, scaled_uncertainty
 from diffbot_control.goals.goal_record import ANONYMOUS, GoalBook, GoalRequest, distance_along
 from diffbot_control.goals.progress import Patience, Progress, Way
-from diffbot_control.goals.protocol import Law
+from diffbot_control.goals.protocol import Law, data_sheet_of, tolerance_of
 from diffbot_control.goals.states import ACTIVE, TABLE, WITH_GOAL, Command, Event, State, status_text
 from diffbot_control.goals.step_clock import StepClock
 from diffbot_control.law.configuration import Report
@@ -133,12 +133,10 @@ class Supervisor:
 
     def _data_sheet(self) -> DataSheet:
         """Return the limits of the law's configuration; those of a law without any are the defaults."""
-        sheet = getattr(self.config.controller, "data_sheet", None)
-        return sheet if isinstance(sheet, DataSheet) else DataSheet()
+        return data_sheet_of(self.config.controller) or DataSheet()
 
     def _tolerance(self) -> GoalTolerance:
-        tolerance = getattr(self.config.controller, "tolerance", None)
-        return tolerance if isinstance(tolerance, GoalTolerance) else GoalTolerance()
+        return tolerance_of(self.config.controller)
 
     def _corrects(self) -> bool:
         """True if the robot has left a reached goal and drives back."""
@@ -153,18 +151,9 @@ class Supervisor:
         """Drive to ``goal`` (frame of the poses) from the next pose on; the newest goal or path wins."""
         self._accept([goal], request, 0, 0)
 
-    def on_path(
-        self, goals: list[Pose], request: GoalRequest = ANONYMOUS, waypoint: int = 1, waypoints: int = 0
-    ) -> None:
-        """Drive to ``goals`` one after the other; the last one is held.
-
-        Args:
-            goals: at least one.
-            request: where the path comes from.
-            waypoint: number of the first one in the whole path, from 1.
-            waypoints: goals of the whole path; 0: these are all.
-        """
-        self._accept(goals, request, waypoint, waypoints or len(goals))
+    def on_path(self, goals: list[Pose], request: GoalRequest = ANONYMOUS) -> None:
+        """Drive to ``goals``, at least one, one after the other; the last one is held."""
+        self._accept(goals, request, 1, len(goals))
 
     def on_goal_update(self, goal: Pose) -> None:
         """Correct the goal, of a path the last one, without a new beginning: region, course and finish go on.

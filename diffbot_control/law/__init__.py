@@ -24,7 +24,6 @@ from diffbot_control.law.finish import Finish, FinishConfig
 from diffbot_control.law.goal_checker import GoalTolerance, Settling, is_knowable, within
 from diffbot_control.law.latency import coast
 from diffbot_control.law.limits import limit_acceleration, limit_change, limit_velocity
-from diffbot_control.law.loop_check import unstable_gains
 from diffbot_control.law.lyapunov_law import (
     PAPER_GAINS,
     Gains,
@@ -32,7 +31,6 @@ from diffbot_control.law.lyapunov_law import (
     global_lyapunov,
     local_law,
     local_lyapunov,
-    sampled_poles,
 )
 from diffbot_control.law.paper.reapproach import Reapproach, ReapproachConfig
 from diffbot_control.law.polar_coordinates import Navigation, navigation_variables
@@ -92,10 +90,8 @@ __all__ = [
     "local_law",
     "local_lyapunov",
     "navigation_variables",
-    "sampled_poles",
     "smallest_radius",
     "step",
     "stop_step",
-    "unstable_gains",
     "within",
 ]

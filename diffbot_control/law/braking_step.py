@@ -118,10 +118,14 @@ def _switching_after(
 
 
 def _course_after(memory: ControllerMemory, region: int, upright: Pose, config: ControllerConfig) -> Course:
-    """Choose the course at a new goal and when Omega_L is left; ``upright`` is in the frame of the goal as given."""
+    """Choose the course at a new goal, when Omega_L is left, and when the robot reverses and must not any more.
+
+    ``upright`` is in the frame of the goal as given.
+    """
     course, driving = memory.course, config.driving
     if region == OMEGA_G:
-        if course.leading != UNDECIDED and memory.switching.region == OMEGA_G:
+        is_allowed = driving.allow_backward or course.leading != BACK
+        if course.leading != UNDECIDED and memory.switching.region == OMEGA_G and is_allowed:
             return course
         return chosen_course(navigation_variables(upright), driving.allow_backward, driving.symmetric_yaw_tolerance)
     if course.leading == UNDECIDED and not course.turned and driving.symmetric_yaw_tolerance:
@@ -166,6 +170,6 @@ def _near(
 
 def _far(led: Navigation, vagueness: float, leading: int, gains: ProfileGains, config: ControllerConfig) -> Twist:
     """Return the command of Omega_G; ``led`` is as of the end that leads."""
-    if not config.driving.allow_backward and abs(led.alpha) >= HALF_PI and leading != BACK:
+    if not config.driving.allow_backward and abs(led.alpha) >= HALF_PI:
         return turn_to_the_goal(led.alpha, gains, config.data_sheet)
     return drive_and_steer(led, vagueness, leading, gains, config.data_sheet)

@@ -34,7 +34,10 @@ _SIGMAS = 2.6
 
 @known_fields
 class DockingConfig(NamedTuple):
-    """How a robot docks; ``drive`` is the law that drives to the staging pose."""
+    """How a robot docks; ``drive`` is the law that drives to the staging pose.
+
+    Its ``allow_backward`` applies to that drive alone. On the axis the robot has to drive out the way it came in.
+    """
 
     dock_backward: Annotated[bool, Spec("the back of the robot docks")] = False
     staging_distance: Annotated[float, Spec("distance of the staging pose from the docked one", "m", *LENGTH)] = 0.7

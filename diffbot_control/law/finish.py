@@ -121,7 +121,8 @@ def next_finish(
     length, lateral = tolerance.xy_goal_tolerance, abs(local.y)
     rest, reached, allow_backward = standing
     if is_leg(state):
-        return _next_leg(state, local, tolerance, config)
+        # Legs need both directions, and reversing may be forbidden after they began.
+        return _next_leg(state, local, tolerance, config) if allow_backward else no_finish()
     if rest <= 0.0 or rest < config.finish_wait:
         return no_finish(rest)
     if not reached and uncertainty.xy < v_sigma_max(tolerance):

@@ -2,7 +2,7 @@
 
 The robot's velocity along its real axis is gamma tanh(rho) cos(alpha) in *both* sectors. The paper prints a minus sign
 for the rear one because it reverses the forward direction there ("v := -v"); with the kinematics (3) that sign, taken
-literally, drives away from a goal behind the robot. See docs/explanation/law/paper.md.
+literally, drives away from a goal behind the robot. See docs/explanation/law.md.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class Gains(NamedTuple):
     """Gains of the laws (13) and (17).
 
     The defaults put a double pole at -lambda = -2 /s near the goal: k = 2 lambda, h = (lambda / gamma)^2; see
-    docs/explanation/law/paper.md.
+    docs/explanation/law.md.
     """
 
     gamma: Annotated[float, Spec("gamma, bound of |v|", "m/s", *SPEED)] = 1.3
@@ -35,26 +35,6 @@ class Gains(NamedTuple):
 
 PAPER_GAINS = Gains(1.3, 1.0, 0.17, 2.7)
 """Section 4.1 of the paper."""
-
-
-def sampled_poles(gains: Gains, t_s: float) -> tuple[float, float, float]:
-    """Largest |eigenvalue| of the loop near the goal, sampled with ``t_s`` [s], the command held in between.
-
-    With rho -> 0 and small angles, law (13) gives alpha' = -k alpha - gamma h beta, beta' = gamma alpha and
-    rho' = -gamma rho, and law (17) theta' = -k_2 theta; a step is I + Ts A.
-
-    Returns:
-        That of the angles in Omega_G, of the distance, and of the heading in Omega_L; stable if all are below 1.
-    """
-    # Eigenvalues of A: s^2 + k s + gamma^2 h = 0.
-    half, square = 0.5 * gains.k, gains.gamma * gains.gamma * gains.h
-    spread = half * half - square
-    if spread >= 0.0:
-        root = math.sqrt(spread)
-        angles = max(abs(1.0 + t_s * (-half + root)), abs(1.0 + t_s * (-half - root)))
-    else:
-        angles = math.hypot(1.0 - t_s * half, t_s * math.sqrt(-spread))
-    return angles, abs(1.0 - t_s * gains.gamma), abs(1.0 - t_s * gains.k_2)
 
 
 def sinc(angle: float) -> float:

@@ -7,7 +7,7 @@ alpha and beta, or both turned by pi (the paper's "forward direction is redefine
     Omega_L:  v = f cos(alpha),  omega = -phi_L(theta)
 
 V = (rho^2 + alpha_d^2 + h beta_d^2) / 2 changes in Omega_G at -f rho cos^2(alpha) - alpha_d phi(alpha_d) <= 0, for any
-f >= 0 and any odd phi in the first and third quadrant; docs/explanation/law/index.md has the argument with limits.
+f >= 0 and any odd phi in the first and third quadrant; docs/explanation/law.md has the argument with limits.
 """
 
 from __future__ import annotations

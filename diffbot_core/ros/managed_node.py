@@ -7,7 +7,6 @@ parameter ``autostart`` a node is active before it is ready.
 
 from __future__ import annotations
 
-import traceback
 from collections.abc import Callable, Mapping
 from functools import wraps
 from typing import Any
@@ -17,10 +16,16 @@ from lifecycle_msgs.srv import ChangeState
 from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallbackReturn
 
 from diffbot_core.errors import DiffbotError
+from diffbot_core.ros.faults import one_line
 from diffbot_core.ros.node import DiffbotNode
 from diffbot_core.schema import C
 
 UNCONFIGURED, INACTIVE = "unconfigured", "inactive"
+_SUCCESS, _FAILURE, _ERROR = (
+    TransitionCallbackReturn.SUCCESS,
+    TransitionCallbackReturn.FAILURE,
+    TransitionCallbackReturn.ERROR,
+)
 
 
 class ManagedNode(LifecycleNodeMixin, DiffbotNode[C]):  # type: ignore[misc]
@@ -39,20 +44,20 @@ class ManagedNode(LifecycleNodeMixin, DiffbotNode[C]):  # type: ignore[misc]
         """Create the node, see :class:`DiffbotNode`; with ``autostart`` it is active then.
 
         Raises:
-            DiffbotError: if the value of a parameter is not allowed, or the node cannot be configured.
+            DiffbotError: if the value of a parameter is not allowed, or the node cannot be configured or activated.
         """
         self.is_active = self.is_configured = False
-        self._failure: Exception | None = None
+        self._failure: DiffbotError | None = None
+        """why the newest transition failed; None if it succeeded"""
         DiffbotNode.__init__(self, name, config_type, presets, **node_options)
         LifecycleNodeMixin.__init__(self)
         self._guard_requests()
         self._kept = self._entities()
         if self.get_parameter("autostart").value:
             for transition in (self.trigger_configure, self.trigger_activate):
-                transition()
-                if self._failure is not None:
+                if transition() != _SUCCESS:
                     self.destroy_node()
-                    raise self._failure
+                    raise self._failure or DiffbotError(f"{transition.__name__} failed")
 
     def configure(self) -> None:
         """Create what the node works with, from its present configuration.
@@ -72,41 +77,55 @@ class ManagedNode(LifecycleNodeMixin, DiffbotNode[C]):  # type: ignore[misc]
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Configure the node; nothing remains of a failed attempt."""
+        self._failure = None
         self._configuration = object()
         result = self._attempt(self.configure)
-        self.is_configured = result == TransitionCallbackReturn.SUCCESS
+        self.is_configured = result == _SUCCESS
         if not self.is_configured:
             self._destroy_entities()
         return result
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Activate the node."""
+        self._failure = None
         self.is_active = True
         result = self._attempt(self.activate)
-        self.is_active = result == TransitionCallbackReturn.SUCCESS
+        self.is_active = result == _SUCCESS
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Deactivate the node."""
-        self.is_active = False
-        return self._attempt(self.deactivate)
+        self._failure = None
+        return self._end_activity()
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Destroy what was configured."""
-        was_configured, self.is_configured = self.is_configured, False
-        result = self._attempt(self.cleanup) if was_configured else TransitionCallbackReturn.SUCCESS
-        self._destroy_entities()
-        return result
+        self._failure = None
+        return self._end_configuration()
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Deactivate and clean up for good; the process waits for its signal, as Nav2's do."""
-        if self.is_active:
-            self.on_deactivate(state)
-        return self.on_cleanup(state)
+        self._failure = None
+        return self._end_all()
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Return to unconfigured after a transition that raised."""
-        return self.on_shutdown(state)
+        """Return to unconfigured after a transition that raised; the reason stays in /diagnostics."""
+        return self._end_all()
+
+    def _end_all(self) -> TransitionCallbackReturn:
+        deactivated = self._end_activity() if self.is_active else _SUCCESS
+        cleaned_up = self._end_configuration()
+        return cleaned_up if deactivated == _SUCCESS else deactivated
+
+    def _end_activity(self) -> TransitionCallbackReturn:
+        self.is_active = False
+        return _ended(self._attempt(self.deactivate))
+
+    def _end_configuration(self) -> TransitionCallbackReturn:
+        was_configured, self.is_configured = self.is_configured, False
+        result = self._attempt(self.cleanup) if was_configured else _SUCCESS
+        self._destroy_entities()
+        return _ended(result)
 
     def before_shutdown(self) -> None:
         """Deactivate and clean up before the process ends."""
@@ -127,26 +146,34 @@ class ManagedNode(LifecycleNodeMixin, DiffbotNode[C]):  # type: ignore[misc]
             machine.destroy_when_not_in_use()
 
     def diagnosis(self) -> tuple[int, str, dict[str, str]]:
-        """Return level, message and values for /diagnostics; the state of a node that is not active is no fault."""
-        if not self.is_configured:
-            return DiagnosticStatus.OK[0], UNCONFIGURED, {}
-        level, text, values = super().diagnosis()
-        return (level, text, values) if self.is_active else (DiagnosticStatus.OK[0], INACTIVE, values)
+        """Return level, message and values for /diagnostics.
+
+        The state of a node that is not active is no fault, but a failed transition is, until the next one succeeds.
+        """
+        if self.is_active:
+            return super().diagnosis()
+        state, values = UNCONFIGURED, dict[str, str]()
+        if self.is_configured:
+            state, values = INACTIVE, super().diagnosis()[2]
+        if self._failure is None:
+            return DiagnosticStatus.OK[0], state, values
+        return DiagnosticStatus.ERROR[0], f"{state}; {self._failure}", values
 
     def _attempt(self, work: Callable[[], None]) -> TransitionCallbackReturn:
-        """Run the work of a transition; rclpy itself would swallow what it raises."""
-        self._failure = None
+        """Run the work of a transition and keep its first failure; rclpy would drop what the work raises."""
+        name, result = work.__name__, _SUCCESS
         try:
             work()
         except DiffbotError as error:
-            self._failure = error
-            self.get_logger().error(f"{work.__name__}: {error}")
-            return TransitionCallbackReturn.FAILURE
+            failure, result = error, _FAILURE
         except Exception as error:
-            self._failure = error
-            self.get_logger().error(f"{work.__name__}: {traceback.format_exc()}")
-            return TransitionCallbackReturn.ERROR
-        return TransitionCallbackReturn.SUCCESS
+            self.contain(error, name)
+            failure, result = DiffbotError(one_line(error)), _ERROR
+            failure.__cause__ = error
+        if result != _SUCCESS:
+            self.get_logger().error(f"{name}: {failure}")
+            self._failure = self._failure or failure
+        return result
 
     def _entities(self) -> dict[Any, Callable[[Any], Any]]:
         """Return all publishers and the like of the node, with what destroys each."""
@@ -199,3 +226,8 @@ class ManagedNode(LifecycleNodeMixin, DiffbotNode[C]):  # type: ignore[misc]
             if one.srv_type.__module__.startswith("lifecycle_msgs."):
                 # These are made without create_service().
                 one.callback = self.contained_service(one.callback, one.service_name)
+
+
+def _ended(result: TransitionCallbackReturn) -> TransitionCallbackReturn:
+    """Return the result of a transition that ends something: after a failure the node is not what it was before."""
+    return _ERROR if result == _FAILURE else result

@@ -1,1 +1,1 @@
-"""The law against its peers: cases, entries, tuning, effects, and in folders the reports, the bounds and the movie."""
+"""The law against its peers: cases, entries, runs, tuning, and in folders the reports and the docking study."""

@@ -1,7 +1,7 @@
 """The law and its peers under equal conditions: ``diffbot benchmark switching``.
 
 Every law has the same starts, the same noise (run i of each has the noise of (seed, i)), the same limits and the same
-data sheet, and was tuned with the same budget on other starts and other noise (:mod:`law_tuning`).
+data sheet, and was tuned with the same budget on other starts and other noise (:mod:`diffbot_lab.arena.tuning`).
 """
 
 from __future__ import annotations
@@ -28,7 +28,8 @@ from diffbot_lab.arena.cases import (
     world_of,
 )
 from diffbot_lab.arena.entries import OWN_NAME, Entry, config_of, entries_for, is_own
-from diffbot_lab.arena.report.text import conclusions, table
+from diffbot_lab.arena.report.ahead import peers_ahead
+from diffbot_lab.arena.report.text import table
 from diffbot_lab.arena.runs import case_of, run_case, run_paths
 from diffbot_lab.arena.statistics import figures_of
 from diffbot_lab.arena.tuning import TRAINING_SEED, read_tuning, tuned_values
@@ -57,7 +58,7 @@ class ArenaOptions(NamedTuple):
     tuning: Path | None = None
     """a tuning.json; None: the one installed"""
     own_runs: int = 0
-    """of each start for this project's law, if more than ``runs``: narrower intervals where its targets are"""
+    """of each start for this project's law, if more than ``runs``: its intervals are narrower"""
 
     def runs_of(self, entry: Entry) -> int:
         """Return the number of runs of a law in a case."""
@@ -115,7 +116,7 @@ def run_benchmark(options: ArenaOptions) -> tuple[dict[str, Any], dict[str, Arra
             rows.append(row | _moving(case, entries, tuned, options))
     results = _arena(options) | {"tuning": tuning, "cases": rows}
     results["laws"] = [_described(entry, config_of(entry, cases[0], tuned[entry.name])) for entry in entries]
-    return results | conclusions(results), outcomes
+    return results | {"ahead": peers_ahead(results)}, outcomes
 
 
 def _arena(options: ArenaOptions) -> dict[str, Any]:

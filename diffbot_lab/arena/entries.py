@@ -12,8 +12,8 @@ from diffbot_lab.arena.cases import LIMITS, NONE, ArenaCase, Values
 
 Space = Mapping[str, tuple[float, float]]
 """Ranges of the parameters that are tuned."""
-OWN_NAME, EQUAL_NAME = "switching", "switching_tuned"
-"""This project's law with its default preset, and with the tuning budget of the peers."""
+OWN_NAME = "switching"
+"""This project's law with its default preset."""
 
 
 class Entry(NamedTuple):
@@ -34,18 +34,6 @@ class Entry(NamedTuple):
     """in all cases; otherwise in the nominal one"""
 
 
-_OWN_SPACE: Space = {
-    "brake": (1.0, 8.0),
-    "react": (0.2, 1.2),
-    "sigma_known": (0.01, 0.1),
-    "bearing_weight": (0.05, 4.0),
-    "turn_brake": (2.0, 20.0),
-    "turn_react": (0.12, 1.0),
-    "hold_brake": (2.0, 20.0),
-    "hold_react": (0.12, 1.0),
-    "eps_P_sigmas": (0.5, 4.0),
-    "eps_P_min": (0.0, 0.05),
-}
 _STOP: Space = {"stop_distance": (0.005, 0.09), "stop_angle": (0.01, 0.09)}
 _TURNING: Space = {"turn_brake": (2.0, 20.0), "turn_time": (0.12, 1.0)}
 _DRIVE: Space = {
@@ -80,8 +68,6 @@ _NAV2: Space = {
 }
 _PARK = "J. J. Park, B. Kuipers, ICRA 2011, with the finish of nav2_graceful_controller"
 _SHIPPED = "nav2_graceful_controller, Jazzy, held to its compiled code"
-_AICARDI = "M. Aicardi et al., IEEE Robotics and Automation Magazine 2 (1995)"
-_ASTOLFI = "A. Astolfi, J. Dyn. Syst. Meas. Control 121 (1999)"
 _TRUTH = {"drive_brake": 20.0, "drive_time": 0.12, "turn_brake": 20.0, "turn_time": 0.12, "stop_distance": 0.01}
 ENTRIES = (
     Entry(
@@ -90,14 +76,6 @@ ENTRIES = (
         OWN_NAME,
         "law (17) of the paper, with braking profiles",
         "go-to-pose in open space with a noisy estimate; forwards or backwards",
-    ),
-    Entry(
-        EQUAL_NAME,
-        "switching law, tuned like the peers",
-        OWN_NAME,
-        "the same; parameters from the tuning that the peers had",
-        "what the comparison is worth where the preset had more work than the peers",
-        space=_OWN_SPACE,
     ),
     Entry(
         "rotate_drive_rotate",
@@ -176,22 +154,6 @@ ENTRIES = (
         },
     ),
     Entry(
-        "polar",
-        "linear polar law",
-        "polar",
-        _ASTOLFI,
-        "exponential convergence from an exact pose; textbook",
-        space={**_STOP, "k_rho": (0.3, 5.0), "k_alpha": (1.0, 15.0), "k_beta": (-5.0, -0.1)},
-    ),
-    Entry(
-        "aicardi",
-        "Aicardi, stopping",
-        "aicardi",
-        _AICARDI,
-        "smooth steering of a unicycle from an exact pose; forwards or backwards",
-        space={**_STOP, "slope": (0.5, 4.0), "k": (0.5, 8.0), "h": (0.05, 4.0)},
-    ),
-    Entry(
         "truth",
         "bound: rotate, drive, rotate on the true pose",
         "rotate_drive_rotate",
@@ -228,24 +190,16 @@ ENTRIES = (
         everywhere=False,
     ),
     Entry(
-        "polar_published",
-        "linear polar law, Siegwart's gains",
-        "polar",
-        f"{_ASTOLFI}; gains of Siegwart and Nourbakhsh (2004)",
-        "textbook",
-        everywhere=False,
-    ),
-    Entry(
         "aicardi_endless",
         "Aicardi, never stopping",
         "aicardi",
-        f"{_AICARDI}; law (13) of the paper, its gains, without an end",
+        "M. Aicardi et al., IEEE Robotics and Automation Magazine 2 (1995); "
+        "law (13) of the paper, its gains, without an end",
         "as the paper simulates it: what holding still is worth",
         {"stop_distance": 0.0, "stop_angle": 0.0},
         everywhere=False,
     ),
 )
-BOUND = "truth"
 
 
 def is_own(entry: Entry) -> bool:
@@ -282,5 +236,5 @@ def config_of(entry: Entry, case: ArenaCase, tuned: Values) -> Any:
     law = resolve_law(entry.law)
     names = {one.name for one in parameters_of(law.Config)}
     sheet = {name: value for name, value in {**LIMITS, **case.sheet}.items() if name in names}
-    own = case.own if entry.name in (OWN_NAME, EQUAL_NAME) else {}
+    own = case.own if entry.name == OWN_NAME else {}
     return build(law.Config, {**entry.values, **tuned, **own, **sheet})

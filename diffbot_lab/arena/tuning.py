@@ -1,7 +1,7 @@
 """Tuning of the laws: each with the same number of evaluations of the same optimiser on the same training runs.
 
-``diffbot benchmark tune`` writes tuning.json, which ``diffbot benchmark --tuning FILE`` reads. The noise and the starts
-of the training are not those on which the laws are compared.
+``diffbot benchmark tune`` writes tuning.json, which ``diffbot benchmark switching --tuning FILE`` reads. The noise and
+the starts of the training are not those on which the laws are compared.
 """
 
 from __future__ import annotations
@@ -33,8 +33,6 @@ Array = NDArray[np.float64]
 TRAINING_CASES = ("nominal", "dead_time_03", "dead_time_02_unknown", "acceleration", "mix")
 TRAINING_SEED = 1_000_003
 """Of noise, starts and optimiser; no seed of a comparison may equal it."""
-BUDGET, TRAINING_RUNS = 480, 102
-"""Evaluations for each law, runs of each training case in an evaluation."""
 POPULATION = 12
 KEPT = Path(__file__).with_name("tuning.json")
 """Result of the last tuning, installed with the package."""

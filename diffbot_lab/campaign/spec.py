@@ -7,15 +7,22 @@ import hashlib
 import itertools
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from diffbot_control.filter.options import FilterConfig
 from diffbot_control.goals.registry import resolve_law
+from diffbot_control.law.configuration import AUTO, TANH, ControllerConfig
 from diffbot_control.law.controller import SwitchingLaw
+from diffbot_control.law.finish import FinishConfig
+from diffbot_control.law.lyapunov_law import Gains
+from diffbot_control.law.paper.reapproach import ReapproachConfig
 from diffbot_control.law.presets import TUNED
+from diffbot_control.law.regions import COVARIANCE, FixedRegionPolicy
+from diffbot_control.law.speed_profile import ProfileGains
 from diffbot_core.bounded_yaml import load_yaml
 from diffbot_core.code_hash import hash_of_code, hash_of_values
 from diffbot_core.errors import DiffbotError, InvalidValueError, known_name
@@ -23,12 +30,14 @@ from diffbot_core.foreign_files import read_text, shown
 from diffbot_core.geometry import Pose
 from diffbot_core.parameter_files import MAX_BYTES
 from diffbot_core.ranges import LENGTH, POSITION
-from diffbot_core.schema import build, to_dict
+from diffbot_core.schema import build, parameters_of, to_dict
 from diffbot_lab.campaign.options import CampaignOptions, is_coordinate, is_number, triple
-from diffbot_lab.cases import configure, inert_in, make_case
+from diffbot_lab.cases import Configuration, configure, make_case
 from diffbot_sim.compiled.batch import Starts, check_case
 from diffbot_sim.compiled.closed_loop import Case
 from diffbot_sim.compiled.jit import LIBRARIES, PACKAGES, law_version
+from diffbot_sim.model.plant import PlantConfig
+from diffbot_sim.model.sensors import SensorConfig
 
 _MAX_CELLS = 10_000
 _LISTS = ("start", "grid", "set")
@@ -135,19 +144,42 @@ def _cells(options: CampaignOptions, fixed: Mapping[str, Any], grid: Mapping[str
     law = resolve_law(options.law)
     law_name = f"{options.law} {law_version(law)}"
     cells: list[Cell] = []
-    inert: dict[str, str] = {}
+    unread: dict[str, str] = {}
     for values in itertools.product(*grid.values()):
         point = dict(zip(grid, values, strict=True))
         config = configure({**fixed, **point}, law)
-        found = inert_in(config, options.feedback)
-        inert = {name: why for name, why in found.items() if not cells or name in inert}
+        found = {
+            one.name: choice for group, choice in _unread(config, options.feedback) for one in parameters_of(group)
+        }
+        unread = {name: choice for name, choice in found.items() if not cells or name in unread}
         case = make_case(config, options.duration, feedback=options.feedback, goal=Pose(*options.goal))
         cells.append(Cell(point, case, law_name))
+    of_plant = {one.name for one in parameters_of(PlantConfig)}
     for part, given in (("set", fixed), ("grid", grid)):
         for name, value in given.items():
-            if name in inert:
-                raise InvalidValueError(f"{part}.{name}", value, f"left out, it acts only with {inert[name]}")
+            if name in unread and name not in of_plant:
+                raise InvalidValueError(f"{part}.{name}", value, f"left out, it acts only with {unread[name]}")
     return cells
+
+
+def _unread(config: Configuration, feedback: str) -> Iterator[tuple[type[Any], str]]:
+    """Yield the groups of parameters that the runs of a case do not read, and the choice with which they would."""
+    controller = config.controller
+    if isinstance(controller, ControllerConfig):
+        if controller.profile == TANH:
+            yield ProfileGains, "speed_profile: braking (preset tuned)"
+            yield FinishConfig, "speed_profile: braking (preset tuned)"
+        else:
+            yield Gains, "speed_profile: tanh (preset paper)"
+            yield ReapproachConfig, "speed_profile: tanh (preset paper)"
+            if controller.gain_source == AUTO:
+                yield ProfileGains, "gains: preset"
+        if controller.region_policy.kind == COVARIANCE:
+            yield FixedRegionPolicy, "region_policy: fixed (preset paper)"
+    if feedback != "ekf":
+        yield FilterConfig, "feedback: ekf"
+    if feedback == "truth":
+        yield SensorConfig, "feedback: ekf or raw"
 
 
 def _starts(start: Any) -> Starts:

@@ -29,6 +29,8 @@ METRICS = ("settling_time", "position_error", "heading_error", "path_length", "e
 """What is counted of each run; settling_time of those that settled only."""
 
 _ZERO = -1
+_Z_95 = 1.959963984540054
+"""Quantile of the normal distribution at 97.5 %."""
 _LOG_BASE = math.log1p(BIN_WIDTH)
 
 
@@ -61,11 +63,11 @@ def quantile(bins: Counter[int], q: float) -> float:
     return value_of(max(bins))
 
 
-def wilson(successes: int, total: int, z: float = 1.959963984540054) -> tuple[float, float]:
-    """Wilson's interval of a share (E. B. Wilson, JASA 22, 1927); 95 % with the default z."""
+def wilson(successes: int, total: int) -> tuple[float, float]:
+    """Return Wilson's 95 % interval of a share (E. B. Wilson, JASA 22, 1927)."""
     if total == 0:
         return 0.0, 1.0
-    share = successes / total
+    share, z = successes / total, _Z_95
     scale = 1.0 + z * z / total
     centre = (share + z * z / (2.0 * total)) / scale
     half = z * math.sqrt(share * (1.0 - share) / total + z * z / (4.0 * total * total)) / scale
@@ -122,7 +124,7 @@ def _pairs(bins: Any) -> Iterable[tuple[int, int]]:
 
 
 def count_outcomes(outcomes: Array) -> dict[str, Any]:
-    """Turn outcomes (runs, 9), columns as batch.COLUMNS, into counts that can be added and written as JSON."""
+    """Turn outcomes (runs, 12), columns as batch.COLUMNS, into counts that can be added and written as JSON."""
     column = {name: outcomes[:, index] for index, name in enumerate(COLUMNS)}
     values = {
         **{metric: column[metric] for metric in METRICS if metric in column},

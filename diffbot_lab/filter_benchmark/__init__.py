@@ -1,1 +1,1 @@
-"""Filters side by side, on simulated and on recorded drives."""
+"""The filters side by side on the same simulated drives."""

@@ -44,7 +44,6 @@ class Scenario(NamedTuple):
 
 _NOMINAL, _MESSAGES = "Right model", "Rates of the odometry"
 _MODEL, _FAULTS, _KIDNAPPED, _SENSORS = "Wrong model", "Outliers and slip", "Kidnapped robot", "Further sensors"
-SECTIONS = (_NOMINAL, _MESSAGES, _MODEL, _FAULTS, _KIDNAPPED, _SENSORS)
 _RADIUS_ERROR = 0.02
 _OUTLIERS = SensorConfig(fix_outlier=0.05, fix_outlier_distance=3.0)
 _SLIP = PlantConfig(slip_right=0.6, slip_start=SLIP_START, slip_duration=SLIP_DURATION)
@@ -96,7 +95,7 @@ SCENARIOS = (
 
 
 def name_of(scenario: str, odometry_rate: int, fix_rate: int) -> str:
-    """Return the name of a case in results.json and the targets."""
+    """Return the name of a case in results.json."""
     return f"{scenario}_{odometry_rate}_{fix_rate}"
 
 

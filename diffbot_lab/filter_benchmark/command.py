@@ -20,7 +20,7 @@ from diffbot_core.errors import InvalidValueError
 from diffbot_core.files import output_folder, write_json
 from diffbot_lab.cases import described
 from diffbot_lab.filter_benchmark.cases import DURATION, SCENARIOS, SKIPPED, Scenario, drive_of, name_of
-from diffbot_lab.filter_benchmark.report import conclusions, table
+from diffbot_lab.filter_benchmark.report import table
 from diffbot_sim.compiled.batch import in_threads
 from diffbot_sim.compiled.jit import compile_kernel
 from diffbot_sim.compiled.open_loop import AWAY, OpenLoopCase, Tracking, drive
@@ -121,7 +121,7 @@ def _share_inside(nis: Array, innovations: Array) -> float:
     return float(((low <= nis) & (nis <= high)).mean())
 
 
-def run_benchmark(runs: int, seed: int, threads: int | None = None) -> dict[str, Any]:
+def run_benchmark(runs: int, seed: int) -> dict[str, Any]:
     """Execute all runs of all cases, with a progress bar on a terminal; return the content of results.json.
 
     Raises:
@@ -137,10 +137,10 @@ def run_benchmark(runs: int, seed: int, threads: int | None = None) -> dict[str,
                 filters = {}
                 for name in FILTERS:
                     case = drive_of(scenario, odometry_rate, fix_rate, name)
-                    filters[name] = figures_of(run_drives(case, seed, runs, threads))
+                    filters[name] = figures_of(run_drives(case, seed, runs))
                     bar.update()
                 cases.append(_described(scenario, odometry_rate, fix_rate) | {"filters": filters})
-    results: dict[str, Any] = {
+    return {
         "runs": runs,
         "seed": seed,
         "duration": DURATION,
@@ -148,7 +148,6 @@ def run_benchmark(runs: int, seed: int, threads: int | None = None) -> dict[str,
         "default_filter": FilterConfig().filter,
         "cases": cases,
     }
-    return results | conclusions(results)
 
 
 def _described(scenario: Scenario, odometry_rate: int, fix_rate: int) -> dict[str, Any]:

@@ -172,10 +172,10 @@ def run_and_report(names: tuple[str, ...], runs: int, seed: int, folder: Path, f
     print(f"Results and figures in {folder}")
 
 
-def heading(settings: tuple[Setting, ...] = SETTINGS) -> str:
+def heading() -> str:
     """Say what runs: laws, settings, and all that is not the default of the nodes."""
     lines = [f"{law}: preset paper; beside it, {changes(controller_of(law, EPS_P), PRESETS[PAPER])}" for law in LAWS]
-    for one in settings:
+    for one in SETTINGS:
         lines.append(described(f"{one.name}: feedback {one.feedback}", plant=one.plant, sensors=one.sensors))
     return "\n".join([*lines, f"filter of ekf: {changes(TEXTBOOK_FILTER)}"])
 

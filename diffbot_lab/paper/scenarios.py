@@ -26,7 +26,7 @@ DURATION = 30.0
 EPS_P = 0.5
 """[m] the paper states a condition, which holds above 0.474 m, but no value"""
 VANISHING_EPS_P = 0.25
-"""[m] of the reading in which the position noise vanishes at the goal; see scan.py"""
+"""[m] of the reading in which the position noise vanishes at the goal: docs/results/reproduction.md"""
 NEAR_GOAL = 1.0
 """[m] in that reading, distance from the goal within which the position noise shrinks"""
 GOAL = Pose(0.0, 0.0, 0.0)
@@ -49,7 +49,6 @@ class Setting(NamedTuple):
     """Noise of the plant and the sensors, and the pose that the controller receives."""
 
     name: str
-    text: str
     plant: PlantConfig
     sensors: SensorConfig
     feedback: str
@@ -58,36 +57,16 @@ class Setting(NamedTuple):
 
 
 _INPUT_NOISE = PlantConfig(exact_arc=False, drive_noise=0.0, encoder_noise=0.0, eps_v_max=0.065, eps_omega_max=0.2167)
+_NO_NOISE = PlantConfig(exact_arc=False, drive_noise=0.0, encoder_noise=0.0)
+_EXACT = SensorConfig(eps_x_max=0.0, eps_y_max=0.0, eps_theta_max=0.0)
 SETTINGS = (
-    Setting(
-        "raw",
-        "the paper's noise: uniform +-0.3 m, +-0.3 m, +-0.17 rad, fed to the law without a filter; input noise added",
-        _INPUT_NOISE,
-        SensorConfig(),
-        "raw",
-    ),
-    Setting(
-        "ekf",
-        "the same fixes through the EKF; +-5 % per wheel in drive and encoder",
-        PlantConfig(),
-        SensorConfig(),
-        "ekf",
-    ),
-    Setting(
-        "quiet",
-        "no noise",
-        PlantConfig(exact_arc=False, drive_noise=0.0, encoder_noise=0.0),
-        SensorConfig(eps_x_max=0.0, eps_y_max=0.0, eps_theta_max=0.0),
-        "truth",
-    ),
-    Setting(
-        "vanishing",
-        f"as raw, but the position noise is proportional to the distance from the goal within {NEAR_GOAL:g} m",
-        _INPUT_NOISE,
-        SensorConfig(eps_xy_distance=NEAR_GOAL),
-        "raw",
-        VANISHING_EPS_P,
-    ),
+    # The paper's noise: uniform +-0.3 m, +-0.3 m, +-0.17 rad, fed to the law without a filter; input noise added.
+    Setting("raw", _INPUT_NOISE, SensorConfig(), "raw"),
+    # The same fixes through the EKF; +-5 % per wheel in drive and encoder.
+    Setting("ekf", PlantConfig(), SensorConfig(), "ekf"),
+    Setting("quiet", _NO_NOISE, _EXACT, "truth"),
+    # As raw, but within NEAR_GOAL the position noise is proportional to the distance from the goal.
+    Setting("vanishing", _INPUT_NOISE, SensorConfig(eps_xy_distance=NEAR_GOAL), "raw", VANISHING_EPS_P),
 )
 
 
@@ -99,7 +78,7 @@ class Group(NamedTuple):
     setting: Setting
     starts: Starts
     outcomes: Array
-    """(runs, 9) see batch.COLUMNS"""
+    """(runs, 12) see batch.COLUMNS"""
     histories: Array
     """(runs, steps + 1, 10) see batch.HISTORY_COLUMNS"""
 

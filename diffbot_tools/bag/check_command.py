@@ -24,11 +24,10 @@ def add_check(verbs: Any) -> None:
     check = verbs.add_parser("check", help="compare a bag with a contract of topics, rates, gaps ...", epilog=_HELP)
     check.add_argument("bag", type=Path, help="folder of the bag, or an .mcap file")
     check.add_argument(
-        "contract", type=Path, nargs="?", metavar="CONTRACT.yaml", help="its rules (docs/reference/bags)"
+        "contract", type=Path, nargs="?", metavar="CONTRACT.yaml", help="its rules (docs/reference/bag-check.md)"
     )
     check.add_argument("--write", type=Path, metavar="NEW.yaml", help="draft a contract from a good bag instead")
     check.add_argument("--json", action="store_true", help="print the results as JSON")
-    check.add_argument("--junit", type=Path, metavar="FILE", help="write the results as JUnit XML, too")
     # 1 means that a rule does not hold.
     check.set_defaults(call=_call, error_status=2)
 
@@ -37,8 +36,8 @@ def _call(options: argparse.Namespace) -> int:
     if (options.contract is None) == (options.write is None):
         raise DiffbotError("bag check takes a CONTRACT.yaml to check with, or --write to draft one")
     if options.write is not None:
-        if options.json or options.junit is not None:
-            raise DiffbotError("--json and --junit show the results of a check: not together with --write")
+        if options.json:
+            raise DiffbotError("--json shows the results of a check: not together with --write")
         return _write(options.bag, options.write)
     return _check(options)
 
@@ -50,10 +49,6 @@ def _check(options: argparse.Namespace) -> int:
     contract = read_contract(options.contract.expanduser())
     results = check_bag(contract, *_measure(options.bag))
     failed = sum(not one.passed for one in results)
-    if options.junit is not None:
-        from diffbot_tools.bag.junit import write_junit  # noqa: PLC0415
-
-        write_junit(options.junit.expanduser(), str(options.bag), results)
     if options.json:
         json.dump(results_as_plain(options.bag, options.contract, results), sys.stdout, indent=1)
         print()
@@ -67,7 +62,7 @@ def _check(options: argparse.Namespace) -> int:
 def _measure(bag: Path) -> tuple[BagInfo, dict[str, Consistency]]:
     from diffbot_bag.tools.bag_info import read_info  # noqa: PLC0415
     from diffbot_tools.bag.consistency import observers_for  # noqa: PLC0415
-    from diffbot_tools.bag.progress import read_with_bar  # noqa: PLC0415
+    from diffbot_tools.bag.info_command import read_with_bar  # noqa: PLC0415
 
     observers = observers_for({topic.name: topic.type for topic in read_info(bag, quick=True).topics})
     info = read_with_bar(bag, observers={name: one.add for name, one in observers.items()})
@@ -75,7 +70,7 @@ def _measure(bag: Path) -> tuple[BagInfo, dict[str, Consistency]]:
 
 
 def results_as_plain(bag: Path, contract: Path, results: list[Result]) -> dict[str, Any]:
-    """Return the content of ``--json``; docs/reference/bags/check.md describes it."""
+    """Return the content of ``--json``; docs/reference/bag-check.md describes it."""
     return {
         "schema_version": 1,
         "bag": str(bag),

@@ -9,7 +9,6 @@ from diffbot_tools.bag.filter_command import add_filter
 from diffbot_tools.bag.info_command import add_info
 from diffbot_tools.bag.merge_command import add_merge
 from diffbot_tools.bag.repair_command import add_repair
-from diffbot_tools.bag.split_command import add_split
 from diffbot_tools.bag.trim_command import add_trim
 
 _VERBS = (
@@ -19,13 +18,12 @@ _VERBS = (
     add_trim,
     add_filter,
     add_merge,
-    add_split,
 )
 
 
 def add_bag(commands: Any) -> None:
     """Add ``diffbot bag`` to the subparsers of the command line."""
-    bag = commands.add_parser("bag", help="look at recorded bags, check and change them (docs/reference/bags)")
+    bag = commands.add_parser("bag", help="look at recorded bags, check and change them (docs/reference/bags.md)")
     verbs = bag.add_subparsers(required=True, metavar="VERB", dest="verb")
     for add in _VERBS:
         add(verbs)

@@ -35,12 +35,6 @@ def draw_run(record: RunRecord, title: str, path: Path) -> None:
         OSError: if the file cannot be written.
     """
     figure, axes = plt.subplots(figsize=(8.0, 20.0 / 3.0), dpi=150, layout="constrained")
-    draw_paths(axes, record, title)
-    save(figure, path)
-
-
-def draw_paths(axes: Any, record: RunRecord, title: str) -> None:
-    """Draw truth, estimate, odometry, fixes and goals into axes."""
     for name, style in _STYLES.items():
         path_xy = getattr(record, name)[:, 1:3]
         if len(path_xy):
@@ -57,6 +51,7 @@ def draw_paths(axes: Any, record: RunRecord, title: str) -> None:
     axes.set_title(title)
     axes.grid(alpha=0.3)
     axes.legend(loc="best", fontsize="small")
+    save(figure, path)
 
 
 def _arrow(axes: Any, pose: Pose, length: float, colour: str, text: str) -> None:

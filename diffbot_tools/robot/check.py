@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from diffbot_control.law.configuration import ControllerConfig
+from diffbot_control.goals import data_sheet_of
 from diffbot_control.law.goal_checker import is_knowable, smallest_tolerance
-from diffbot_control.law.loop_check import unstable_gains
 from diffbot_core.data_sheet import rim_speed
 from diffbot_core.geometry import Pose, out_of_frame
 from diffbot_core.kinematics import Twist
@@ -46,23 +45,29 @@ def contradictions(robot: Robot) -> Iterator[str]:
     """Yield what cannot be true together."""
     supervisor, world, noise = robot.controller.supervisor, robot.plant.simulated(), robot.ekf.noise
     controller, plant, sensors = supervisor.controller, world.plant, world.sensors
-    sheet, wheels, drives = controller.data_sheet, controller.data_sheet.wheels, plant.actuators
-    separations = wheels.wheel_separation, plant.wheels.wheel_separation, robot.ekf.wheels.wheel_separation
-    for name, *values in (
-        ("wheel_separation [m]", *separations),
-        ("wheel_radius [m]", wheels.wheel_radius, plant.wheels.wheel_radius),
-        ("dead time [s]", sheet.command_latency, drives.command_delay),
-        ("drive_time_constant [s]", sheet.drive_time_constant, drives.drive_time_constant),
-    ):
-        if len(set(values)) > 1:
-            nodes = zip(("controller", "plant", "ekf"), values, strict=False)
-            yield f"{name}: " + ", ".join(f"{node} {value:g}" for node, value in nodes)
-    for name, asked, allowed, who in (
-        ("linear.x.max_velocity", 0.999 * sheet.v_max, rim_speed(sheet), "wheel.max_velocity allows"),
-        ("linear.x.max_acceleration", sheet.a_max, drives.acceleration_max, "the plant does"),
-        ("angular.z.max_acceleration", sheet.omega_dot_max, drives.angular_acceleration_max, "the plant does"),
-        ("two periods of odom", 2.0 * plant.sampling_time, supervisor.pose_timeout, "pose_timeout is"),
-    ):
+    sheet, drives = data_sheet_of(controller), plant.actuators
+    separations = {"plant": plant.wheels.wheel_separation, "ekf": robot.ekf.wheels.wheel_separation}
+    equal = {"wheel_separation [m]": separations}
+    limits = [("two periods of odom", 2.0 * plant.sampling_time, supervisor.pose_timeout, "pose_timeout is")]
+    if sheet is not None:
+        equal = {
+            "wheel_separation [m]": {"controller": sheet.wheels.wheel_separation, **separations},
+            "wheel_radius [m]": {"controller": sheet.wheels.wheel_radius, "plant": plant.wheels.wheel_radius},
+            "dead time [s]": {"controller": sheet.command_latency, "plant": drives.command_delay},
+            "drive_time_constant [s]": {
+                "controller": sheet.drive_time_constant,
+                "plant": drives.drive_time_constant,
+            },
+        }
+        limits += [
+            ("linear.x.max_velocity", 0.999 * sheet.v_max, rim_speed(sheet), "wheel.max_velocity allows"),
+            ("linear.x.max_acceleration", sheet.a_max, drives.acceleration_max, "the plant does"),
+            ("angular.z.max_acceleration", sheet.omega_dot_max, drives.angular_acceleration_max, "the plant does"),
+        ]
+    for name, values in equal.items():
+        if len(set(values.values())) > 1:
+            yield f"{name}: " + ", ".join(f"{node} {value:g}" for node, value in values.items())
+    for name, asked, allowed, who in limits:
         if allowed < asked:
             yield f"{name} = {asked:.3g}: {who} {allowed:.3g} only"
     for name, simulated, stated in (
@@ -71,8 +76,6 @@ def contradictions(robot: Robot) -> Iterator[str]:
     ):
         if stated and not stated / _ALIKE <= simulated <= stated * _ALIKE:
             yield f"{name} = {stated:g}: the plant's poses have {simulated:.3g}"
-    if isinstance(controller, ControllerConfig) and (warning := unstable_gains(controller, plant.sampling_time)):
-        yield warning
 
 
 def at_rest(robot: Robot) -> tuple[Uncertainty, float]:

@@ -7,10 +7,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from diffbot_control.filter.localization_config import LocalizationConfig
-from diffbot_control.goals import Law, SupervisorConfig
+from diffbot_control.goals import Law, SupervisorConfig, data_sheet_of, tolerance_of
+from diffbot_control.law.goal_checker import GoalTolerance
 from diffbot_control.ros.parameters.controller import ControllerNodeConfig, law_of, parameter_set_of
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.bounded_yaml import load_yaml
+from diffbot_core.data_sheet import DataSheet
 from diffbot_core.errors import DiffbotError, InvalidValueError, known_name
 from diffbot_core.parameter_files import PARAMETERS, values_for
 from diffbot_core.schema import build
@@ -33,7 +35,17 @@ class Robot(NamedTuple):
     ekf: EkfNodeConfig
     plant: PlantNodeConfig
     given: Values
-    """parameters that the description sets"""
+    """parameters that the description sets; of the controller also parameters that only other laws have"""
+
+    @property
+    def tolerance(self) -> GoalTolerance:
+        """The tolerances of the law; the defaults if the law does not have any."""
+        return tolerance_of(self.controller.supervisor.controller)
+
+    @property
+    def data_sheet(self) -> DataSheet:
+        """The data sheet of the law; the default one if the law does not have any."""
+        return data_sheet_of(self.controller.supervisor.controller) or DataSheet()
 
     def parts(
         self, seed: int = 1, start: StartPose | None = None
@@ -89,5 +101,5 @@ def make_robot(name: str, values: Values) -> Robot:
         build(controller_type, own["controller"], base),
         build(EkfNodeConfig, own["ekf"]),
         build(PlantNodeConfig, own["plant"]),
-        own,
+        own | {"controller": values["controller"]},
     )

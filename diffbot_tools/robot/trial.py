@@ -1,4 +1,4 @@
-"""Many simulated drives of a robot to random goals, and what came of them."""
+"""Simulate many drives of a robot to random goals and summarise the results."""
 
 from __future__ import annotations
 
@@ -23,8 +23,7 @@ _DRAWN = 12
 def trials(robot: Robot, goals: int, seed: int) -> Iterator[tuple[str, Drive]]:
     """Drive to ``goals`` random goals one after the other, FAR and SHORT ones in turn; ``seed`` names all noise."""
     generator, simulation = np.random.default_rng(seed), robot.simulation(seed)
-    controller = robot.controller.supervisor.controller
-    units = {FAR: min(controller.data_sheet.v_max, 10.0), SHORT: controller.tolerance.xy_goal_tolerance}
+    units = {FAR: min(robot.data_sheet.v_max, 10.0), SHORT: robot.tolerance.xy_goal_tolerance}
     for number in range(goals):
         kind, span = (SHORT, _SHORT_TOLERANCES) if number % 2 else (FAR, _FAR_TIME)
         distance, direction = units[kind] * generator.uniform(*span), generator.uniform(-math.pi, math.pi)
@@ -35,7 +34,7 @@ def trials(robot: Robot, goals: int, seed: int) -> Iterator[tuple[str, Drive]]:
 
 def summary(robot: Robot, found: list[tuple[str, Drive]]) -> str:
     """Lay out for a terminal how many goals were answered, when, and how near the robot truly was."""
-    tolerance = robot.controller.supervisor.controller.tolerance
+    tolerance = robot.tolerance
     head = f"{'goals':<7}{'reached':>10}{'falsely':>9}{'time [s]: median':>18}{'longest':>9}"
     head += f"{'of the ideal':>14}{'error [m]: median':>19}{'largest':>9}{'[deg]: largest':>16}"
     lines = [head, "-" * len(head)]
@@ -51,6 +50,8 @@ def summary(robot: Robot, found: list[tuple[str, Drive]]) -> str:
             f"{np.median(times):>18.1f}{max(times):>9.1f}{median_share(robot, drives):>14.2f}"
             f"{np.median(xy):>19.3f}{max(xy):>9.3f}{math.degrees(max(theta)):>16.1f}"
         )
+    within = f"{tolerance.xy_goal_tolerance:g} m and {tolerance.yaw_goal_tolerance:g} rad"
+    lines.append(f"falsely: reached, but the true pose is not within {within} of the goal")
     lines.append("ideal: turn, drive straight on, turn, each as fast as the data sheet allows (median of the ratios)")
     missed = [one for _, one in found if not one.is_reached]
     return "\n".join([*lines, *(f"{one.end} after {one.duration:.0f} s: {one.reason}" for one in missed[:5])])
@@ -58,8 +59,7 @@ def summary(robot: Robot, found: list[tuple[str, Drive]]) -> str:
 
 def median_share(robot: Robot, drives: list[Drive]) -> float:
     """Return the median of the drives' durations over the least times to turn, drive straight on and turn."""
-    sheet = robot.controller.supervisor.controller.data_sheet
-    return float(np.median([one.duration / _ideal_time(one, sheet) for one in drives]))
+    return float(np.median([one.duration / _ideal_time(one, robot.data_sheet) for one in drives]))
 
 
 def _ideal_time(drive: Drive, sheet: DataSheet) -> float:

@@ -1,4 +1,4 @@
-"""Beside the report: a table (CSV), trajectories (TUM, as evo reads them) and a picture (PNG)."""
+"""Beside the report: a table (CSV) and trajectories (TUM, as evo reads them)."""
 
 from __future__ import annotations
 
@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from diffbot_core.errors import DiffbotError, InvalidValueError
+from diffbot_core.errors import DiffbotError
 from diffbot_core.files import write_text
 from diffbot_core.geometry import quaternion_of_yaw
 from diffbot_tools.view.clock import Columns
-from diffbot_tools.view.moment import Moment
 from diffbot_tools.view.report import BagRun, RobotRun
 
 Array = NDArray[np.float64]
@@ -22,11 +21,11 @@ CURVES = ("estimate", "truth", "odometry", "error", "command", "law")
 PATHS = ("truth", "estimate", "odometry")
 
 
-def export(run: BagRun, report: Path, csv: bool, tum: bool, picture: tuple[Path, Moment] | None = None) -> list[Path]:
-    """Write what is asked for beside ``report``, with its name, and a picture of a moment; return the files.
+def export(run: BagRun, report: Path, csv: bool, tum: bool) -> list[Path]:
+    """Write what is asked for beside ``report``, with its name; return the files.
 
     Raises:
-        InvalidValueError: if the moment of the picture is that of a robot that is not in the bag.
+        DiffbotError: if two robots have names that make one file name.
         OSError: if a file cannot be written.
     """
     written: list[Path] = []
@@ -40,23 +39,9 @@ def export(run: BagRun, report: Path, csv: bool, tum: bool, picture: tuple[Path,
             if name in robot.curves:
                 written.append(report.with_name(f"{stem}_{name}.tum"))
                 write_text(written[-1], tum_text(robot.curves[name], run.clock.origin))
-    if picture is not None:
-        written += _pictures(run, *picture)
     if len({path.name for path in written}) < len(written):
         raise DiffbotError("two robots of the bag have names that make one file name")
     return written
-
-
-def _pictures(run: BagRun, png: Path, moment: Moment) -> list[Path]:
-    from diffbot_tools.view.picture import draw_robot  # noqa: PLC0415 - loads matplotlib
-
-    robots = [robot for robot in run.robots if moment.robot in (None, robot.name)]
-    if not robots:
-        raise InvalidValueError("--at", moment.robot, f"one of {', '.join(robot.name for robot in run.robots)}")
-    names = [f"{png.stem}_{_file_name(robot.name)}" if len(robots) > 1 else png.stem for robot in robots]
-    for robot, name in zip(robots, names, strict=True):
-        draw_robot(robot, f"{run.title}: {robot.name}", png.with_name(f"{name}.png"), moment)
-    return [png.with_name(f"{name}.png") for name in names]
 
 
 def csv_text(robot: RobotRun) -> str:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from diffbot_core.errors import DiffbotError
-from diffbot_tools.view.moment import Moment, moment_of
 
 MAX_BAGS = 3
 """in one report"""
@@ -22,9 +21,6 @@ class ReportOptions(NamedTuple):
     preset: str | None
     csv: bool = False
     tum: bool = False
-    png: Path | None = None
-    at: str | None = None
-    """link whose moment and view the picture shows"""
     others: tuple[Path, ...] = ()
     """bags that are laid over the first one"""
 
@@ -48,16 +44,13 @@ def add_report(commands: Any) -> None:
     )
     for flag, what in (("csv", "a table"), ("tum", "trajectories for evo")):
         report.add_argument(f"--{flag}", action="store_true", help=f"write {what} beside it, too")
-    report.add_argument("--png", type=Path, metavar="FILE", help="write a picture of map and charts, too")
-    report.add_argument("--at", metavar="LINK", help="moment and view of the picture: a link copied from the page")
     report.set_defaults(call=_call)
 
 
 def _call(options: argparse.Namespace) -> int:
     bag, *others = options.bag
     out = options.out or bag.resolve().with_suffix(".html")
-    given = (options.preset, options.csv, options.tum, options.png, options.at)
-    return run(ReportOptions(bag, out, *given, tuple(others)))
+    return run(ReportOptions(bag, out, options.preset, options.csv, options.tum, tuple(others)))
 
 
 def run(options: ReportOptions) -> int:
@@ -73,16 +66,10 @@ def run(options: ReportOptions) -> int:
         raise DiffbotError(f"--out {out}: no folder {out.parent}")
     if len(options.others) >= MAX_BAGS:
         raise DiffbotError(f"{1 + len(options.others)} bags: must be at most {MAX_BAGS}")
-    if options.others and (options.csv or options.tum or options.png):
-        raise DiffbotError("--csv, --tum and --png: only with one bag")
-    png = options.png.expanduser() if options.png else None
-    if png and (png.suffix.lower() != ".png" or not png.parent.is_dir()):
-        raise DiffbotError(f"--png {png}: must end with .png, in a folder that exists")
-    if options.at is not None and not png:
-        raise DiffbotError("--at: only with --png")
-    picture = None if png is None else (png, Moment() if options.at is None else moment_of(options.at))
+    if options.others and (options.csv or options.tum):
+        raise DiffbotError("--csv and --tum: only with one bag")
     bag, *others = (one.expanduser() for one in (options.bag, *options.others))
-    files = write_report(bag, out, options.preset, options.csv, options.tum, picture, others)
+    files = write_report(bag, out, options.preset, options.csv, options.tum, others)
     print(f"Report {out}" + (f", beside it {', '.join(path.name for path in files)}" if files else ""))
     return 0
 
@@ -93,7 +80,6 @@ def write_report(
     preset: str | None = None,
     csv: bool = False,
     tum: bool = False,
-    picture: tuple[Path, Moment] | None = None,
     others: Sequence[Path] = (),
 ) -> list[Path]:
     """Write the page ``out``, which appears whole or not at all; return the files beside it.
@@ -114,6 +100,6 @@ def write_report(
     found = [read_bag_run(one, config, bool(others)) for one in (bag, *others)]
     try:
         write_text(out, html(page_data(*found)))
-        return export(found[0], out, csv, tum, picture)
+        return export(found[0], out, csv, tum)
     except OSError as error:
         raise DiffbotError(f"cannot write {out}: {error.strerror or error}") from error

@@ -13,6 +13,9 @@ from bag_makers import read
 from matplotlib import pyplot
 from robot import stamp
 
+import diffbot
+from diffbot_tools.cli import main
+
 EXAMPLES = Path(__file__).parents[2] / "examples"
 V_MAX = 1.3
 """[m/s] of the paper's robot"""
@@ -77,9 +80,30 @@ def test_a_goal_is_driven_to_and_its_bag_is_plotted(tmp_path, run):
     assert (tmp_path / "plot_bag.png").is_file()
 
 
+def test_the_law_on_the_page_is_the_example():
+    page = (EXAMPLES.parent / "docs/how-to/own-law.md").read_text()
+    (law,) = re.findall(r'^```python title="straight_line.py"\n(.*?)^```$', page, re.M | re.S)
+    assert law in (EXAMPLES / "straight_line.py").read_text().replace("import sys\n", "")
+
+
+def test_the_law_of_the_example_drives_a_robot_whose_file_names_it(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(EXAMPLES)
+    file = tmp_path / "robot.yaml"
+    assert main(["robot", "new", str(file), "--like", "turtlebot4"]) == 0
+    without_tolerances = re.sub(r"    \w+_goal_tolerance.*\n", "", file.read_text())
+    section = "/**/controller:\n  ros__parameters:\n"
+    assert section in without_tolerances
+    file.write_text(without_tolerances.replace(section, f"{section}    law: straight_line:StraightLine\n"))
+    drive = diffbot.drive((1.0, 2.0, 1.0), robot=file)
+    assert drive.is_reached
+    x, y, heading = drive.truth[-1]
+    assert np.hypot(x - 1.0, y - 2.0) < 0.1
+    assert heading == pytest.approx(1.0, abs=0.1)
+
+
 @pytest.mark.study
 def test_the_study_tells_the_presets_apart(tmp_path, run):
-    """The paper's law leaves a lateral error of 0.2 to 0.35 m (docs/explanation/law/paper.md)."""
+    """The paper's law leaves a lateral error of 0.2 to 0.35 m (docs/explanation/law.md)."""
     paper, tuned = (numbers(line) for line in run(EXAMPLES / "monte_carlo.py", 200).splitlines())
     assert paper[0] < 40.0
     assert tuned[0] > 95.0

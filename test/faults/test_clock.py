@@ -7,30 +7,24 @@ from contextlib import closing
 import graph
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from promises import NEVER
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from repeated import tried
 from robot import SIMULATED
 from rosgraph_msgs.msg import Clock
-from witness import NEAR
+from witness import LOST_INPUT, NEAR, NEVER
 
 JUMP = 500 * 10**9
 """[ns]"""
 CLOCK_PERIOD = 0.01
-
-
-def is_zero(v, omega):
-    return v == omega == 0.0
+BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 class ClockSource:
-    """Publishes the time of day, with an offset, from a thread of its own."""
+    """Publishes the time of day plus ``offset`` [ns], from a thread of its own."""
 
     def __init__(self, peer, offset=0):
-        """Create the publisher; ``offset`` [ns]."""
-        qos = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self.publisher = peer.publisher(Clock, "/clock", qos)
-        self.offset = offset
-        self.stands = False
+        self.publisher = peer.publisher(Clock, "/clock", BEST_EFFORT)
+        self.offset, self.stands = offset, False
         self.changed = 0.0
         """monotonic time of the last message sent"""
         self._ended = threading.Event()
@@ -46,13 +40,11 @@ class ClockSource:
         message = Clock()
         while not self._ended.wait(CLOCK_PERIOD):
             if not self.stands:
-                now = time.time_ns() + self.offset
-                message.clock.sec, message.clock.nanosec = divmod(now, 10**9)
+                message.clock.sec, message.clock.nanosec = divmod(time.time_ns() + self.offset, 10**9)
                 self.changed = time.monotonic()
                 self.publisher.publish(message)
 
     def close(self):
-        """End the thread."""
         self._ended.set()
         self._thread.join()
 
@@ -68,37 +60,6 @@ def timed(observed):
             yield witness
 
 
-def test_clock_that_stands_still_stops_the_robot(timed, trials, seeded):
-    with trials("clock stands") as running:
-        for _ in timed.moments(running, seeded):
-            timed.mark()
-            timed.source.stands = True
-            try:
-                timed.peer.spin_for(2 * CLOCK_PERIOD)
-                since = timed.source.changed
-                timed.measure_stop(running, since)
-            finally:
-                timed.source.stands = False
-
-
-def test_clock_that_jumps_back_stops_the_robot(timed, trials, seeded):
-    with trials("clock back") as running:
-        for _ in timed.moments(running, seeded):
-            since = timed.mark()
-            timed.source.offset -= JUMP
-            running.measure(first_command(timed, since, is_zero) - since, delay=timed.delay())
-
-
-def test_clock_that_jumps_ahead_leaves_the_goal(timed, trials, seeded):
-    with trials("clock forward") as running:
-        for _ in timed.moments(running, seeded):
-            since = timed.mark()
-            timed.source.offset += JUMP
-            timed.peer.spin_for(0.3)
-            first = first_command(timed, since + 0.2, lambda v, _: v > 0.3)
-            running.measure(first - since, delay=timed.delay())
-
-
 def first_command(witness, since, is_expected):
     """Return when the first such command came; after a jump back the robot stands for a second only."""
 
@@ -108,14 +69,47 @@ def first_command(witness, since, is_expected):
     return witness.peer.spin_until(times, what="the command")[0]
 
 
+def first_zero(witness, since):
+    return first_command(witness, since, lambda v, omega: v == omega == 0.0)
+
+
+@tried(20)
+def test_clock_that_stands_still_stops_the_robot(timed, trials, seeded):
+    for _ in timed.moments(trials, seeded):
+        timed.mark()
+        timed.source.stands = True
+        try:
+            timed.peer.spin_for(2 * CLOCK_PERIOD)
+            timed.check_stop(trials, LOST_INPUT, timed.source.changed)
+        finally:
+            timed.source.stands = False
+
+
+@tried(10)
+def test_clock_that_jumps_back_stops_the_robot(timed, trials, seeded):
+    for _ in timed.moments(trials, seeded):
+        since = timed.mark()
+        timed.source.offset -= JUMP
+        assert first_zero(timed, since) - since <= trials.bound(LOST_INPUT, timed.delay())
+
+
+@tried(10)
+def test_clock_that_jumps_ahead_leaves_the_goal(timed, trials, seeded):
+    for _ in timed.moments(trials, seeded):
+        since = timed.mark()
+        timed.source.offset += JUMP
+        timed.peer.spin_for(0.3)
+        first = first_command(timed, since + 0.2, lambda v, _: v > 0.3)
+        assert first - since <= trials.bound(1.0, timed.delay())
+
+
+@tried(10)
 def test_second_publisher_of_clock_stops_the_robot_and_is_named(timed, trials, seeded):
-    with trials("clock two") as running:
-        for _ in timed.moments(running, seeded):
-            with graph.peer("second_clock") as peer, closing(ClockSource(peer, -JUMP)) as second:
-                peer.wait_for_subscribers(second.publisher, count=2)
-                timed.mark()
-                since = second.start()
-                first = first_command(timed, since, is_zero)
-                delay = timed.delay()
-                timed.report_with("controller", "/clock", "second_clock", level=DiagnosticStatus.ERROR)
-            running.measure(first - since, delay=delay)
+    for _ in timed.moments(trials, seeded):
+        with graph.peer("second_clock") as peer, closing(ClockSource(peer, -JUMP)) as second:
+            peer.wait_for_subscribers(second.publisher, count=2)
+            timed.mark()
+            since = second.start()
+            first, delay = first_zero(timed, since), timed.delay()
+            timed.report_with("controller", "/clock", "second_clock", level=DiagnosticStatus.ERROR)
+        assert first - since <= trials.bound(LOST_INPUT, delay)

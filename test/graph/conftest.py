@@ -64,17 +64,17 @@ def action_peer(nav2_folder):
 
 
 @pytest.fixture(scope="session")
-def nav2_folder(tmp_path_factory, worker_id):
-    """Return the folder that holds the package nav2_msgs; this process can import it, too."""
-    from diffbot_tools.interfaces.build import build_interfaces
+def nav2_folder(pytestconfig, tmp_path_factory, worker_id):
+    """Return the folder that holds the package nav2_msgs, from pytest's cache; this process can import it, too."""
+    import nav2_interfaces
 
-    base = tmp_path_factory.getbasetemp()
-    base = base if worker_id == "master" else base.parent
-    folder = base / "interfaces"
+    base = tmp_path_factory.getbasetemp() if worker_id == "master" else tmp_path_factory.getbasetemp().parent
+    base = pytestconfig.cache.mkdir("nav2_msgs") if hasattr(pytestconfig, "cache") else base
+    folder = base / nav2_interfaces.key()
     with (base / "interfaces.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not (folder / "nav2_msgs").is_dir():
-            build_interfaces(folder)
+            nav2_interfaces.build(folder)
     sys.path.append(str(folder))
     importlib.invalidate_caches()
     return folder

@@ -1,11 +1,21 @@
-"""The plant's wall clock and its pause; resets and other clocks are in test_lockstep.py and test_watch.py."""
+"""The wall clock of the plant and its pause, and a controller before the first /clock.
+
+Resets and other clocks are in test_lockstep.py and test_watch.py.
+"""
 
 import itertools
 import time
 
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Twist
 from lockstep_drive import take_what_is_under_way
 from robot import on_truth, planar, stamp
 from rosgraph_msgs.msg import Clock
+
+from diffbot_control.controller_node import ControllerNode
+from diffbot_control.goals.states import DRIVING
+from diffbot_core.geometry import Pose
+from diffbot_core.uncertainty import CERTAIN
 
 PLACE = {"initial_pose.x": 3.0, "initial_pose.y": -1.0, "initial_pose.yaw": 1.0}
 PERIOD = 100_000_000
@@ -33,3 +43,23 @@ def test_wall_clock_stamps_each_step_with_the_time_of_day_and_a_pause_sends_noth
         robot.peer.spin_until(lambda: len(robot.truths) > count, what="steps")
         # Wall time goes on in a pause.
         assert stamp(robot.truths[count]) - stamp(robot.truths[count - 1]) > 0.9e9
+
+
+def test_goals_and_poses_from_before_the_first_clock_count_as_of_that_clock(nodes):
+    node = nodes.add(ControllerNode, {"use_sim_time": True, "publish_when_idle": True})
+    node.goals.accept_goals([Pose(1.0, 2.0, 0.5)], False, "request")
+    assert node.supervisor.goals.present.request.time == 0.0
+    last, place = 5000 * 10**9, Pose(-3.0, 2.0, 0.5)
+    node.take_pose(last - 10**8, place, CERTAIN)
+    node.take_pose(last, place, CERTAIN)
+    clocks = nodes.peer.publisher(Clock, "/clock")
+    commands = nodes.peer.subscribe(Twist, "cmd_vel")
+    nodes.peer.wait_for_publishers("cmd_vel")
+    nodes.peer.wait_for_subscribers(clocks)
+    clocks.publish(Clock(clock=Time(sec=5000)))
+    nodes.peer.spin_until(lambda: node.supervisor.goals.present.request.time == 5000.0, what="the time of the goal")
+    # Sent again, as in lock-step after a second: it is answered as before, and not with zero.
+    node.take_pose(last, place, CERTAIN)
+    nodes.peer.spin_until(lambda: commands, what="the answer")
+    assert commands[0].linear.x > 0.0
+    assert node.supervisor.status == DRIVING

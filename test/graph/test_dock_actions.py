@@ -7,8 +7,10 @@ import docks
 import pytest
 import rclpy
 from action_msgs.msg import GoalStatus
-from graph import peer, private_domain
+from graph import PATIENCE, peer, private_domain
+from rclpy.duration import Duration
 from robot import pose_stamped
+from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Bool
 
 from diffbot_core.geometry import Pose, out_of_frame
@@ -52,6 +54,26 @@ def test_a_robot_that_touches_something_before_its_dock_gives_up_after_its_tries
     assert (status, result.success, result.error_code) == (GoalStatus.STATUS_ABORTED, False, 905)
     assert result.error_msg.startswith("not reached: 3 approaches broken off")
     assert result.num_retries == 3
+
+
+def test_a_docked_robot_whose_battery_is_full_does_not_leave_its_dock_to_dock_again(staged, action_peer):
+    dock = action_peer(staged.peer, "dock_robot")
+    switch, battery = staged.peer.publisher(Bool, "dock_contact"), staged.peer.publisher(BatteryState, "battery_state")
+    staged.peer.wait_for_subscribers(switch, battery)
+    assert dock.result(dock.send(**SEEN))[0] == GoalStatus.STATUS_SUCCEEDED
+    for publisher, message in (
+        (switch, Bool(data=True)),
+        (battery, BatteryState(power_supply_status=BatteryState.POWER_SUPPLY_STATUS_FULL)),
+    ):
+        publisher.publish(message)
+        assert publisher.wait_for_all_acked(Duration(seconds=PATIENCE))
+    places = []
+    answer = dock.result(dock.send(lambda _: places.append(staged.detector.truth.x), **SEEN))
+    places.append(staged.detector.truth.x)
+    switch.publish(Bool(data=False))
+    battery.publish(BatteryState(power_supply_status=BatteryState.POWER_SUPPLY_STATUS_DISCHARGING))
+    assert answer[0] == GoalStatus.STATUS_SUCCEEDED
+    assert min(places) > -0.05
 
 
 def test_the_robot_docks_and_undocks(staged, action_peer):

@@ -1,9 +1,12 @@
 """Managed nodes: the requests of Nav2's lifecycle manager, and what the robot does meanwhile."""
 
+import sys
 from functools import partial
 
+import graph
 import one_process
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from filter_input import fix, odometry
 from geometry_msgs.msg import PoseStamped, Twist
 from lifecycle_msgs.msg import State, Transition, TransitionEvent
@@ -13,6 +16,9 @@ from robot import DEEP, pose_stamped, twist
 from diffbot_control.controller_node import ControllerNode
 from diffbot_control.ekf_node import EkfNode
 from diffbot_control.robot_node import RobotControllerNode
+from diffbot_core.errors import DiffbotError
+from diffbot_core.ros.lifecycle_parameters import LifecycleConfig
+from diffbot_core.ros.managed_node import ManagedNode
 
 # Transition and the state in which Nav2's manager then has to find the node, as its startup, pause, resume, reset and
 # shutdown ask for them.
@@ -141,3 +147,125 @@ def test_a_timer_that_is_due_while_the_node_is_cleaned_up_does_nothing(nodes, ki
     for callback in due:
         callback()
     assert node.faults.newest == ""
+
+
+class Failing(ManagedNode):
+    """A node whose steps raise what the test sets."""
+
+    def __init__(self, **options):
+        self.raises = {}
+        super().__init__("failing", LifecycleConfig, **options)
+
+    def configure(self):
+        self.create_publisher(PoseStamped, "configured", 1)
+        self._step("configure")
+
+    def activate(self):
+        self._step("activate")
+
+    def deactivate(self):
+        self._step("deactivate")
+
+    def cleanup(self):
+        self._step("cleanup")
+
+    def _step(self, name):
+        if error := self.raises.pop(name, None):
+            raise error
+
+
+UNFORESEEN, REFUSED = ValueError("broken sensor"), DiffbotError("no sensor")
+AT_ONCE = """
+from diffbot_core.errors import DiffbotError
+from diffbot_core.ros.lifecycle_parameters import LifecycleConfig
+from diffbot_core.ros.managed_node import ManagedNode
+from diffbot_core.ros.node import run
+
+class Failing(ManagedNode):
+    def __init__(self):
+        super().__init__("failing", LifecycleConfig)
+
+    def {step}(self):
+        raise {error}("broken sensor")
+
+raise SystemExit(run(Failing))
+"""
+
+
+@pytest.mark.parametrize(
+    ("step", "error"), [("configure", "ValueError"), ("activate", "ValueError"), ("activate", "DiffbotError")]
+)
+def test_a_node_that_cannot_start_itself_ends_with_its_error(step, error):
+    with graph.process(sys.executable, "-c", AT_ONCE.format(step=step, error=error)) as process:
+        assert process.wait() == 1
+        kind = "ValueError: " if error == "ValueError" else ""
+        assert f"\nerror: /failing: {kind}broken sensor\n" in process.output
+        assert f"{step}: {kind}broken sensor" in process.output
+        assert ("Traceback" in process.output) == bool(kind)
+        assert "ready" not in process.output
+
+
+@pytest.mark.parametrize(
+    ("before", "step", "error", "state"),
+    [
+        ((), "configure", UNFORESEEN, "unconfigured"),
+        ((), "configure", REFUSED, "unconfigured"),
+        (("configure",), "activate", UNFORESEEN, "unconfigured"),
+        (("configure",), "activate", REFUSED, "inactive"),
+        # What has stopped or destroyed a part of its work is neither active nor inactive.
+        (("configure", "activate"), "deactivate", UNFORESEEN, "unconfigured"),
+        (("configure", "activate"), "deactivate", REFUSED, "unconfigured"),
+        (("configure",), "cleanup", UNFORESEEN, "unconfigured"),
+        (("configure",), "cleanup", REFUSED, "unconfigured"),
+    ],
+)
+def test_a_transition_that_raises_fails_and_is_reported_until_one_succeeds(before, step, error, state, nodes, capfd):
+    node, peer = nodes.add(Failing, {"autostart": False}), nodes.peer
+    ok, fault = DiagnosticStatus.OK[0], DiagnosticStatus.ERROR[0]
+
+    def request(transition):
+        change = ChangeState.Request(transition=Transition(label=transition))
+        return peer.call(ChangeState, "failing/change_state", change).success
+
+    for transition in before:
+        assert request(transition)
+    node.raises[step] = error
+    assert not request(step)
+    assert peer.call(GetState, "failing/get_state").current_state.label == state
+    assert bool(peer.node.get_publishers_info_by_topic("/configured")) == node.is_configured == (state == "inactive")
+    level, text, _ = node.diagnosis()
+    assert level == fault
+    assert text.startswith(f"{state}; ")
+    assert str(error) in text
+    assert f"{step}: " in capfd.readouterr().err
+    # The node can be used again.
+    for transition in ("configure", "activate")[state == "inactive" :]:
+        assert request(transition)
+    assert peer.call(GetState, "failing/get_state").current_state.label == "active"
+    # What was not foreseen is a defect of the node and stays in the report, as after any internal error.
+    assert node.diagnosis()[0] == (fault if error is UNFORESEEN else ok)
+    assert request("deactivate")
+    assert node.diagnosis()[:2] == (ok, "inactive")
+
+
+def test_a_failed_transition_is_an_error_in_diagnostics(nodes):
+    node = nodes.add(Failing, {"autostart": False})
+    reports = nodes.peer.subscribe(DiagnosticArray, "/diagnostics", 100)
+    node.raises["configure"] = UNFORESEEN
+    node.trigger_configure()
+    nodes.peer.spin_until(lambda: reports and reports[-1].status[0].level != DiagnosticStatus.OK, what="a report")
+    status = reports[-1].status[0]
+    assert (status.level, status.message) == (DiagnosticStatus.ERROR, "unconfigured; ValueError: broken sensor")
+    assert "ValueError" in graph.values(status)["traceback"]
+
+
+def test_an_exception_while_deactivating_stops_the_robot(nodes):
+    manager = Manager(nodes)
+    for name in NODES:
+        manager.change(name, *CONFIGURE)
+        manager.change(name, *ACTIVATE)
+    manager.drive()
+    manager.controller.supervisor.on_stop = None  # raises TypeError when it is called
+    assert not manager.request("controller", Transition.TRANSITION_DEACTIVATE)
+    assert manager.state("controller") == State.PRIMARY_STATE_UNCONFIGURED
+    manager.wait_for_stop()

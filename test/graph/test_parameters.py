@@ -26,7 +26,6 @@ NODES = {
 @pytest.mark.parametrize(
     ("name", "parameters", "text"),
     [
-        ("controller", {"resume_goal": True}, "resume_goal = True: must be false without a goal_file"),
         ("controller", {"law": "rotate_drive_rotate", "drive_brake": -7.0}, "drive_brake = -7.0: must be >= "),
         ("ekf", {"odometry_source": "stars"}, "odometry_source = 'stars': must be one of odom, joint_states"),
         ("plant", {"clock": "lockstep", "publish_clock": False}, "publish_clock = False: must be true with clock"),

@@ -1,6 +1,5 @@
-"""The documentation: generated parts follow the code, the site builds strictly, tutorials print what they show."""
+"""The documentation: generated parts follow the code, links have targets, tutorials print what they show."""
 
-import importlib.util
 import os
 import re
 import subprocess
@@ -9,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
 
+import build
 import graph
 import parameter_tables
 import pytest
@@ -19,24 +19,19 @@ from diffbot_core.schema import parameters_of
 ROOT = Path(__file__).parents[2]
 FIRST_DRIVE = "first-drive"
 """its results are compared in test/tools/demo/test_demo.py, which runs it"""
-TUTORIALS = {page.stem: page.read_text() for page in tutorial_run.tutorials() if page.stem != FIRST_DRIVE}
+TUTORIALS = {page.stem: page.read_text() for page in tutorial_run.pages() if page.stem != FIRST_DRIVE}
 
 
-def test_tables_of_parameters_are_up_to_date_and_show_each_parameter_once():
-    pages = parameter_tables.pages()
+def test_lists_of_parameters_and_rules_are_up_to_date():
+    pages = build.tables()
     assert [path.name for path, text in pages.items() if path.read_text() != text] == []
-    shown = [one for text in pages.values() for one in parameter_tables.shown(text)]
+    assert build.rules() in pages[build.DOCS / "reference" / "bag-check.md"]
+
+
+def test_the_reference_shows_each_parameter_once():
+    shown = [one for text in build.tables().values() for one in parameter_tables.shown(text)]
     known = [(node, one.name) for node, config in parameter_tables.NODES.items() for one in parameters_of(config)]
     assert sorted(shown) == sorted(known)
-
-
-def test_pages_of_results_are_up_to_date():
-    spec = importlib.util.spec_from_file_location("generate", ROOT / "docs" / "generate.py")
-    generate = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(generate)
-    pages = generate.results_pages()
-    assert len(pages) == 10
-    assert [path.name for path, text in pages.items() if path.read_text() != text] == []
 
 
 @pytest.mark.install
@@ -48,10 +43,17 @@ def test_the_site_builds_strictly(tmp_path):
     assert built.returncode == 0, built.stderr
 
 
-def test_every_link_of_the_readme_has_a_target():
-    targets = re.findall(r"\]\(([^)#:]+)\)", (ROOT / "README.md").read_text())
-    assert targets
-    assert [target for target in targets if not (ROOT / target).is_file()] == []
+@pytest.mark.parametrize("name", ["README.md", "CONTRIBUTING.md", "SECURITY.md"])
+def test_every_link_of_a_page_outside_the_site_has_a_target(name):
+    links = re.findall(r"\]\(([^)#:]+)(?:#([^)]+))?\)", (ROOT / name).read_text())
+    assert links
+    assert [path for path, anchor in links if not (ROOT / path).is_file() or anchor not in anchors(ROOT / path)] == []
+
+
+def anchors(page):
+    """The anchors of a page, as mkdocs and GitHub name them: one for each heading, and none for the page itself."""
+    headings = re.findall(r"^#+ (.*)$", page.read_text(), re.MULTILINE) if page.suffix == ".md" else []
+    return {"", *(re.sub(r"[^\w\- ]", "", one).lower().replace(" ", "-") for one in headings)}
 
 
 @pytest.fixture(scope="module")

@@ -118,7 +118,7 @@ def test_a_clean_environment_runs_what_needs_no_ros_and_says_in_one_line_what_do
     programs = tmp_path / "venv" / "bin"
     run(*PIP, "--python", programs / "python", "install", *PINNED, "--no-compile", wheel)
 
-    write_rosbags(tmp_path / "bag", [("/chatter", BEGIN + second, STRING, string("hello")) for second in range(5)])
+    write_rosbags(tmp_path / "bag", [("/chatter", BEGIN + second, string("hello")) for second in range(5)], STRING)
     info = run(programs / "diffbot", "bag", "info", tmp_path / "bag", cwd=tmp_path).splitlines()
     assert [line for line in info if "/chatter" in line and "5" in line.split()]
     section = (ROOT / "README.md").read_text().split("## Use it as a library")[1].split("\n## ")[0]

@@ -1,8 +1,13 @@
-"""Bags as other makers write and read them, in rosbag2's layout: by the mcap library in many chunks, by rosbags."""
+"""Bags as other makers write and read them, in rosbag2's layout: by the mcap library in many chunks, by rosbags.
+
+A row is (topic, log time [ns], data (CDR)), and for the mcap library maybe publish time and sequence number after them.
+"""
 
 import struct
+from collections import Counter
 from contextlib import contextmanager, suppress
 
+import yaml
 from mcap.exceptions import EndOfFile
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
@@ -14,10 +19,31 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.typesys import Stores, get_typestore
 
+from diffbot_bag.bag.message_definitions import MessageDefinitions
+from diffbot_bag.bag.qos import Qos, dump_profiles
+
 STORE = get_typestore(Stores.ROS2_JAZZY)
-BEGIN = 1_700_000_000_000_000_000
+BEGIN, MS = 1_700_000_000_000_000_000, 1_000_000
 POINT, STRING = "geometry_msgs/msg/Point", "std_msgs/msg/String"
+LATCHED = Qos(durability="transient_local")
+HASHES = {name: MessageDefinitions().type_hash(name) for name in (POINT, STRING)}
 COMPRESSIONS = {"zstd": CompressionType.ZSTD, "lz4": CompressionType.LZ4, "none": CompressionType.NONE}
+QOS = """\
+- history: 1
+  depth: 10
+  reliability: {reliability}
+  durability: {durability}
+  deadline: {{sec: 9223372036, nsec: 854775807}}
+  lifespan: {{sec: 9223372036, nsec: 854775807}}
+  liveliness: 1
+  liveliness_lease_duration: {{sec: 9223372036, nsec: 854775807}}
+  avoid_ros_namespace_conventions: false
+"""
+
+
+def qos(reliability=1, durability=2, publishers=1):
+    """Text of rosbag2 up to version 8, with numbers for policies; 1, 2: reliable, volatile."""
+    return QOS.format(reliability=reliability, durability=durability) * publishers
 
 
 def definition(kind):
@@ -25,45 +51,105 @@ def definition(kind):
     return STORE.generate_msgdef(kind, ros_version=2)[0].encode()
 
 
+def data_of(message):
+    """Return the bytes (CDR) of (type, message)."""
+    kind, content = message
+    return bytes(STORE.serialize_cdr(content, kind))
+
+
 def point(x):
-    return bytes(STORE.serialize_cdr(STORE.types[POINT](x=float(x), y=0.0, z=0.0), POINT))
+    return data_of((POINT, STORE.types[POINT](x=float(x), y=0.0, z=0.0)))
 
 
 def string(text):
-    return bytes(STORE.serialize_cdr(STORE.types[STRING](data=text), STRING))
+    return data_of((STRING, STORE.types[STRING](data=text)))
 
 
 @contextmanager
-def mcap_writing(stream, topics, definitions=None, chunk_size=1000, compression="zstd", **options):
-    """Give the mcap library's writer of a file and the channel of each topic, of a type and with metadata.
+def mcap_writing(
+    stream, kinds, offers=None, definitions=None, hashes=HASHES, chunk_size=1000, compression="zstd", **options
+):
+    """Give the mcap library's writer of a file, and the channel of each topic.
 
-    Without ``definitions``, the text of each type is that of rosbags; ``options`` are those of the library's writer.
+    ``kinds`` are the types by topic. ``offers`` are QoS profiles or their text by topic; without them the channels have
+    no metadata. ``definitions`` are the texts by type, by default those of rosbags; ``options`` are of the library.
     """
     writer = Writer(stream, chunk_size=chunk_size, compression=COMPRESSIONS[compression], **options)
     writer.start("ros2", "somebody's recorder")
-    texts = {kind: definitions[kind] if definitions else definition(kind) for kind, _ in topics.values()}
+    texts = {kind: definitions[kind] if definitions else definition(kind) for kind in kinds.values()}
     schemas = {kind: writer.register_schema(kind, "ros2msg", text) for kind, text in texts.items()}
-    register = writer.register_channel
-    yield writer, {topic: register(topic, "cdr", schemas[kind], facts) for topic, (kind, facts) in topics.items()}
+    channels = {}
+    for topic, kind in kinds.items():
+        offered = (offers or {}).get(topic, "")
+        text = offered if isinstance(offered, str) else dump_profiles(offered)
+        metadata = {} if offers is None else {"offered_qos_profiles": text, "topic_type_hash": hashes.get(kind, "")}
+        channels[topic] = writer.register_channel(topic, "cdr", schemas[kind], metadata)
+    yield writer, channels
     writer.finish()
 
 
-def write_mcap(path, topics, messages, definitions=None, **options):
-    """Write topic, log time and data of each message, and maybe publish time and sequence, see mcap_writing."""
-    with path.open("wb") as stream, mcap_writing(stream, topics, definitions, **options) as (writer, channels):
-        for topic, time, data, *more in messages:
+def write_mcap(path, rows, kinds=POINT, offers=None, attached=(), **options):
+    """Write a file with the mcap library, see mcap_writing; ``kinds`` may be one type of all topics of the rows.
+
+    ``attached`` are names of attachments and of metadata records.
+    """
+    if isinstance(kinds, str):
+        rows = list(rows)
+        kinds = dict.fromkeys((row[0] for row in rows), kinds)
+    with path.open("wb") as stream, mcap_writing(stream, kinds, offers, **options) as (writer, channels):
+        for topic, time, data, *more in rows:
             writer.add_message(channels[topic], time, data, *(more or [time]))
+        for name in attached:
+            writer.add_attachment(5, 6, name, "text/plain", b"content of " + name.encode())
+            writer.add_metadata(name, {"key": "value"})
     return path
 
 
-def write_rosbags(folder, messages, offers=None):
-    """Write topic, log time, type and data of each message with rosbags; ``offers`` has the QoS by topic."""
+def write_folder(folder, rows, compression="zstd", files=1, custom_data=None, offers=None):
+    """Write a folder of rosbag2 8 with the mcap library, the messages cut into this many files.
+
+    The rows are topic, log time, sequence number and (type, message).
+    """
+    folder.mkdir()
+    kinds = {topic: kind for topic, _, _, (kind, _) in rows}
+    offers = {topic: (offers or {}).get(topic, qos()) for topic in kinds}
+    made = [(topic, time, data_of(message), time, sequence) for topic, time, sequence, message in rows]
+    size = -(-len(made) // files)
+    names = [f"{folder.name}_{number}.mcap" for number in range(files)]
+    for number, name in enumerate(names):
+        part = made[number * size : (number + 1) * size]
+        write_mcap(folder / name, part, kinds, offers, compression=compression, chunk_size=20_000)
+    start, end = (pick(row[1] for row in rows) for pick in (min, max))
+    counts = Counter(topic for topic, *_ in rows)
+    described = [
+        {
+            "topic_metadata": {
+                "name": topic, "type": kind, "serialization_format": "cdr", "offered_qos_profiles": offers[topic],
+                "type_description_hash": "",
+            },
+            "message_count": counts[topic],
+        }
+        for topic, kind in kinds.items()
+    ]  # fmt: skip
+    inner = {
+        "version": 8, "storage_identifier": "mcap", "message_count": len(rows), "custom_data": custom_data,
+        "duration": {"nanoseconds": end - start}, "starting_time": {"nanoseconds_since_epoch": start},
+        "topics_with_message_count": described, "compression_format": "", "compression_mode": "",
+        "relative_file_paths": names, "files": [], "ros_distro": "jazzy",
+    }  # fmt: skip
+    (folder / "metadata.yaml").write_text(yaml.safe_dump({"rosbag2_bagfile_information": inner}))
+    return folder
+
+
+def write_rosbags(folder, rows, kinds=POINT, offers=None):
+    """Write rows with rosbags; ``kinds`` is one type or the types by topic, ``offers`` has the QoS by topic."""
     with RosbagsWriter(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         connections = {}
-        for topic, time, kind, data in messages:
+        for topic, time, data, *_ in rows:
             if topic not in connections:
-                qos = [rosbags_qos(one) for one in (offers or {}).get(topic, ())]
-                connections[topic] = writer.add_connection(topic, kind, typestore=STORE, offered_qos_profiles=qos)
+                kind = kinds if isinstance(kinds, str) else kinds[topic]
+                offered = [rosbags_qos(one) for one in (offers or {}).get(topic, ())]
+                connections[topic] = writer.add_connection(topic, kind, typestore=STORE, offered_qos_profiles=offered)
             writer.write(connections[topic], time, data)
     return folder
 

@@ -6,19 +6,14 @@ from collections import Counter
 from typing import NamedTuple
 
 import yaml
-from bag_makers import BEGIN, POINT, STRING, mcap_writing, point, read, string, write_rosbags
+from bag_makers import BEGIN, LATCHED, POINT, STRING, point, read, string, write_mcap, write_rosbags
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap.writer import IndexType
 
-from diffbot_bag.bag.message_definitions import MessageDefinitions
-from diffbot_bag.bag.qos import Qos, dump_profiles
+from diffbot_bag.bag.qos import Qos
 
 STEP = 10_000_000
-LATCHED = Qos(durability="transient_local")
-DEFINITIONS = MessageDefinitions()
-HASHES = {name: DEFINITIONS.type_hash(name) for name in (POINT, STRING)}
-SCHEMAS = {name: DEFINITIONS.schema_text(name).encode() for name in (POINT, STRING)}
 
 
 class Fact(NamedTuple):
@@ -41,8 +36,8 @@ class Given(NamedTuple):
     topic: str
     log_time: int
     data: bytes
-    sequence: int = 0
     publish_time: int = 0
+    sequence: int = 0
 
 
 def drive(count=200, padding=100):
@@ -50,13 +45,14 @@ def drive(count=200, padding=100):
     noise = random.Random(1)
     for index in range(count):
         time = BEGIN + index * STEP
-        yield Given("/point", time, point(index), index, time - 5)
-        yield Given("/text", time + 3, string(noise.randbytes(padding).hex()), index + 9, time - 7)
+        yield Given("/point", time, point(index), time - 5, index)
+        yield Given("/text", time + 3, string(noise.randbytes(padding).hex()), time - 7, index + 9)
         if index in (7, 55):
-            yield Given("/map", time + 5, string(f"map {index}"), index, time - 1000)
+            yield Given("/map", time + 5, string(f"map {index}"), time - 1000, index)
 
 
-TOPICS = {"/point": (POINT, [Qos()]), "/text": (STRING, []), "/map": (STRING, [LATCHED])}
+KINDS = {"/point": POINT, "/text": STRING, "/map": STRING}
+OFFERS = {"/point": [Qos()], "/text": [], "/map": [LATCHED]}
 MCAP_OPTIONS = {
     **{name: {"compression": name} for name in ("zstd", "lz4", "none")},
     "no chunks": {"use_chunking": False},
@@ -67,34 +63,18 @@ MESSAGE = struct.Struct("<BQHIQ")
 MAKERS = ("lz4", "no chunks", "no message index", "rosbags")
 
 
-def write_mcap(path, messages, topics=TOPICS, chunk_size=4000, extras=(), **options):
-    """Write a file in rosbag2's layout with the mcap library; ``extras`` are names of attachments."""
-    described = {
-        topic: (kind, {"offered_qos_profiles": dump_profiles(qos), "topic_type_hash": HASHES[kind]})
-        for topic, (kind, qos) in topics.items()
-    }
-    with (
-        path.open("wb") as stream,
-        mcap_writing(stream, described, SCHEMAS, chunk_size=chunk_size, **options) as (writer, channels),
-    ):
-        for one in messages:
-            writer.add_message(channels[one.topic], one.log_time, one.data, one.publish_time, one.sequence)
-        for name in extras:
-            writer.add_attachment(5, 6, name, "text/plain", b"content of " + name.encode())
-            writer.add_metadata(name, {"key": "value"})
-    return path
+def write_file(path, rows, kinds=KINDS, offers=OFFERS, chunk_size=4000, **options):
+    """Write a file of rows or Given with the mcap library, see bag_makers.mcap_writing."""
+    return write_mcap(path, rows, kinds, offers, chunk_size=chunk_size, **options)
 
 
-def write_bag(folder, maker, messages=None, topics=TOPICS):
-    """Write a bag of one of MAKERS; returns its folder or file."""
-    if messages is None:
-        # rosbags ends a chunk only when it has 1 MiB.
-        messages = drive() if maker in MCAP_OPTIONS else drive(padding=6000)
+def write_bag(folder, maker):
+    """Write the drive with one of MAKERS; return the folder or file."""
     if maker in MCAP_OPTIONS:
         folder.mkdir()
-        return write_mcap(folder / "other.mcap", messages, topics, **MCAP_OPTIONS[maker])
-    rows = ((one.topic, one.log_time, topics[one.topic][0], one.data) for one in messages)
-    return write_rosbags(folder, rows, {topic: qos for topic, (_, qos) in topics.items()})
+        return write_file(folder / "other.mcap", drive(), **MCAP_OPTIONS[maker])
+    # rosbags ends a chunk only when it has 1 MiB.
+    return write_rosbags(folder, drive(padding=6000), KINDS, OFFERS)
 
 
 def files_of(path):

@@ -5,17 +5,15 @@ import random
 from collections import Counter
 from typing import NamedTuple
 
-from bag_makers import BEGIN, POINT, mcap_writing
+from bag_makers import BEGIN, LATCHED, MS, POINT, mcap_writing
 from mcap.reader import make_reader
 from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
 
-from diffbot_bag.bag.qos import Qos, dump_profiles
+from diffbot_bag.bag.qos import Qos
 
-DEFINITION = b"float64 x\nfloat64 y\nfloat64 z\n"
-STEP = 1_000_000
-TOPICS = ("/a", "/b", "/latched")
-HASH = "RIHS01_6963084842a9b04494d6b2941d11444708d892da2f4b09843b9c43f42a7f6881"
+OFFERS = {"/a": [Qos()], "/b": [Qos()], "/latched": [LATCHED]}
+TOPICS = tuple(OFFERS)
 
 
 class Original(NamedTuple):
@@ -33,14 +31,10 @@ def mcap_file(compression="zstd", count=1500, chunk_size=4000, seed=1, **options
     """Bytes of a finished file with three topics; chunks of about 60 messages, an attachment in the middle."""
     generator = random.Random(seed)
     stream = io.BytesIO()
-    qos = {name: Qos(durability="transient_local" if name == "/latched" else "volatile") for name in TOPICS}
-    topics = {
-        name: (POINT, {"offered_qos_profiles": dump_profiles([one]), "topic_type_hash": HASH})
-        for name, one in qos.items()
-    }
-    with mcap_writing(stream, topics, {POINT: DEFINITION}, chunk_size, compression, **options) as (writer, channels):
+    options |= {"chunk_size": chunk_size, "compression": compression}
+    with mcap_writing(stream, dict.fromkeys(TOPICS, POINT), OFFERS, **options) as (writer, channels):
         for index in range(count):
-            time = BEGIN + index * STEP
+            time = BEGIN + index * MS
             # Half of it does not compress.
             data = b"\0\1\0\0" + bytes(12) + generator.randbytes(12)
             writer.add_message(channels[TOPICS[index % 3]], time, data, time - 1, index)

@@ -1,7 +1,12 @@
-"""Small files in the formats of MR.CLAM and of the Labyrinth data set, of a robot that drives a circle."""
+"""A small set in the format of MR.CLAM, of a robot that drives a circle, and its bag by examples/import_mrclam.py."""
 
 import math
+import runpy
+import sys
+from pathlib import Path
+from unittest import mock
 
+EXAMPLE = Path(__file__).parents[2] / "examples" / "import_mrclam.py"
 BARCODES = {1: 5, 2: 14, 3: 41, 4: 32, 5: 23, 6: 63, 7: 81, 8: 7}
 LANDMARKS = {6: (3.0, 0.0), 7: (0.0, 4.0), 8: (-2.0, -3.0)}
 RADIUS, OMEGA, T0 = 1.5, 0.2, 1_248_446_190.0
@@ -52,20 +57,9 @@ def write_mrclam(folder, robot=1, duration=20.0):
     return folder
 
 
-def write_labyrinth(folder, duration=6.0):
-    """Write ranges and wheel speeds every 0.128 s; returns the folder."""
-    folder.mkdir(exist_ok=True)
-    ranges, odometry, truth = [], [], []
-    numbers = list(LANDMARKS)
-    for i in range(1, round(duration / 0.128)):
-        time = 0.128 * i
-        number = numbers[i % len(numbers)]
-        x, y = LANDMARKS[number]
-        px, py, _ = truth_at(time)
-        right, left = RADIUS * OMEGA + 0.5 * 0.08 * OMEGA, RADIUS * OMEGA - 0.5 * 0.08 * OMEGA
-        ranges.append(f"range2 {time:.9f} {math.hypot(x - px, y - py):.9f} 0.01 {x} {y} {100 + number} 0 ")
-        odometry.append(f"odom2diff {time:.9f} {right:.9f} {left:.9f} 0 0.08 0.0001 0.0001 0.0001")
-        truth.append(f"point2 {time:.9f} {px:.9f} {py:.9f} 0 0 0 0 ")
-    (folder / "Indoor_UWB_Input.txt").write_text("\n".join(ranges + odometry) + "\n")
-    (folder / "Indoor_UWB_GT.txt").write_text("\n".join(truth) + "\n")
-    return folder
+def import_mrclam(folder, robot, out):
+    """Run the example in this process."""
+    words = [str(EXAMPLE), str(folder), str(robot), str(out)]
+    with mock.patch.object(sys, "argv", words):
+        runpy.run_path(str(EXAMPLE), run_name="__main__")
+    return out

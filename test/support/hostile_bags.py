@@ -5,13 +5,11 @@ import os
 import random
 import struct
 
-import foreign_bags
 import view_bags
 import yaml
-from bag_makers import BEGIN, mcap_writing, write_mcap
+from bag_makers import BEGIN, data_of, mcap_writing, qos, write_folder, write_mcap
 from damaged_bags import damage, original
 from mcap.writer import IndexType
-from view_bags import data_of
 
 MB = 2**20
 EVIL = [
@@ -62,11 +60,14 @@ def seeds(folder):
         path = folder / f"{name}.mcap"
         rows = good_rows(0.4)
         # Profiles of some only: they are most of the work on so small a bag.
-        qos = {"offered_qos_profiles": foreign_bags.qos()}
-        topics = {topic: (kind, qos if topic in ("/odom", "/tf") else {}) for topic, _, _, (kind, _) in rows}
-        with path.open("wb") as stream, mcap_writing(stream, topics, chunk_size=3000, **options) as (writer, channels):
-            for topic, time, sequence, (kind, message) in rows:
-                writer.add_message(channels[topic], time, data_of((kind, message)), time, sequence)
+        offers = dict.fromkeys(("/odom", "/tf"), qos())
+        kinds = {topic: kind for topic, _, _, (kind, _) in rows}
+        with (
+            path.open("wb") as stream,
+            mcap_writing(stream, kinds, offers, chunk_size=3000, **options) as (writer, channels),
+        ):
+            for topic, time, sequence, message in rows:
+                writer.add_message(channels[topic], time, data_of(message), time, sequence)
             writer.add_attachment(5, 6, "parameters.json", "application/json", b'{"/controller": {"preset": "tuned"}}')
         found.append(original(path.read_bytes()))
     return found
@@ -91,7 +92,7 @@ def mutated(rng, whole):
 
 def _file(path, messages, kind="std_msgs/msg/Empty", topics=("/a",), text=b"", **options):
     """Write a file of (topic, time, data) with a schema of any text."""
-    return write_mcap(path, dict.fromkeys(topics, (kind, {})), messages, {kind: text}, **options)
+    return write_mcap(path, messages, dict.fromkeys(topics, kind), definitions={kind: text}, **options)
 
 
 def small_and_huge(folder):
@@ -147,7 +148,7 @@ def evil_names(folder):
         yield _file(folder / f"other_type{topic.replace('/', '_')}.mcap", [(topic, 5, b"\0\1\0\0" * 9)], kind, [topic])
     for number, name in enumerate(["../secret.mcap", "/etc/passwd", "a\nb.mcap", "\x1b[31m.mcap", "n" * 5000]):
         bag = folder / f"named_{number}"
-        foreign_bags.write_folder(bag, good_rows(0.2))
+        write_folder(bag, good_rows(0.2))
         path = bag / "metadata.yaml"
         content = yaml.safe_load(path.read_text())
         content["rosbag2_bagfile_information"]["relative_file_paths"] = [name]
@@ -163,7 +164,7 @@ def extreme_values(folder):
     for number in range(8):
         path = folder / f"extreme_{number}.mcap"
         rows = good_rows(0.5)
-        topics = {topic: (kind, {}) for topic, _, _, (kind, _) in rows}
+        kinds = {topic: kind for topic, _, _, (kind, _) in rows}
         messages = []
         for topic, time, sequence, message in rows:
             data = bytearray(data_of(message))
@@ -171,13 +172,13 @@ def extreme_values(folder):
                 at = 4 + 4 * rng.randrange((len(data) - 4) // 4)
                 data[at : at + 8] = rng.choice(special)[: len(data) - at]
             messages.append((topic, time, bytes(data), time, sequence))
-        write_mcap(path, topics, messages)
+        write_mcap(path, messages, kinds)
         yield path
 
 
 def odd_files(folder):
     """Write links, pipes, folders and files without permission in the places of a bag and its parts."""
-    good = foreign_bags.write_folder(folder / "whole", good_rows(0.5))
+    good = write_folder(folder / "whole", good_rows(0.5))
     content = (good / "whole_0.mcap").read_bytes()
     os.mkfifo(folder / "pipe.mcap")
     yield folder / "pipe.mcap"
@@ -217,5 +218,5 @@ def given_files(folder, contract, parameters):
     (folder / "contract.yaml").write_text(contract)
     (folder / "ekf.yaml").write_text(parameters)
     for name in ("good", "other"):
-        foreign_bags.write_folder(folder / name, good_rows(0.5))
+        write_folder(folder / name, good_rows(0.5))
     return folder

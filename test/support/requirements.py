@@ -130,6 +130,6 @@ def _imports(path, everywhere):
 def _files_of(name):
     """Return the files of this project that an import of ``name`` runs."""
     place = Path(*name.split("."))
-    bases = [ROOT] if name.startswith("diffbot_") else [TESTS / "support", ROOT / "bench"]
+    bases = [ROOT] if name.startswith("diffbot_") else [TESTS / "support"]
     files = [base / place.with_suffix(".py") for base in bases]
     return [file for file in files if file.is_file()]

@@ -1,10 +1,11 @@
 """Bags for the report, written by rosbags: a robot on a circle of 1 m radius, with whatever topics a test wants."""
 
 import math
+import random
 from types import SimpleNamespace
 
 import numpy as np
-from bag_makers import BEGIN, STORE, write_rosbags
+from bag_makers import BEGIN, STORE, data_of, write_rosbags
 
 TYPES = STORE.types
 LABELS = ("stamp", "rho", "alpha", "beta", "theta", "eps_P", "region", "V")
@@ -139,15 +140,11 @@ def cloud(time, *landmarks, frame="base_link"):
     return kind, make(kind, header=header(time, frame), fields=fields, data=bytes_of, **sizes, **flags)
 
 
-def data_of(message):
-    """Return the bytes (CDR) of (type, message)."""
-    kind, content = message
-    return bytes(STORE.serialize_cdr(content, kind))
-
-
 def write(folder, messages):
     """Write (topic, log time [ns], (type, message)), in this order."""
-    return write_rosbags(folder, ((topic, time, one[0], data_of(one)) for topic, time, one in messages))
+    messages = list(messages)
+    kinds = {topic: kind for topic, _, (kind, _) in messages}
+    return write_rosbags(folder, ((topic, time, data_of(one)) for topic, time, one in messages), kinds)
 
 
 def at(step, rate=50):
@@ -198,3 +195,21 @@ def filter_status(name, number):
         "fixes rejected": str(number - 1),
     }
     return status(name, "running", **values)
+
+
+def irregular(seconds=20.0, seed=3):
+    """Topic, log time, sequence, (type, message): late stamps, one gap, one stamp before the last, lost numbers."""
+    chance = random.Random(seed)
+    rows = []
+    for number in range(int(seconds * 50)):
+        if 200 <= number < 230:
+            continue  # a gap of 0.62 s
+        time = BEGIN + number * 20_000_000 + chance.randrange(1_000_000)
+        delay = int(1e6 * chance.lognormvariate(1.0, 0.8))
+        back = 60_000_000 if number == 500 else 0
+        rows.append(("/odom", time, number + 1, odometry(time - delay - back, 1.0, 2.0, 0.3)))
+        if number % 5 == 0:
+            rows.append(("/pose", time + 7, number // 5, estimate(0 if number < 10 else time + 3_000_000, 1, 2, 3)))
+        if number % 2:
+            rows.append(("/cmd_vel", time + 9, 0, command(0.1, math.sin(number))))
+    return sorted(rows, key=lambda row: row[1])

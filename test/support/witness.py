@@ -15,6 +15,18 @@ from robot import DEEP, twist
 
 FAR = (5000.0, 0.0, 0.0)
 """A goal that is not reached during a test."""
+PERIOD = 0.1
+"""[s] of plant, poses and commands"""
+POSE_TIMEOUT = 0.5
+"""[s] the controller's default"""
+COMMAND_TIMEOUT = 0.5
+"""[s] cmd_vel_timeout, the plant's default"""
+NEVER = 3600.0
+"""[s] cmd_vel_timeout where the controller has to stop the robot, not its base"""
+LOST_INPUT = POSE_TIMEOUT + PERIOD
+"""[s] within which the controller stops a robot without poses"""
+LOST_COMMANDS = COMMAND_TIMEOUT + PERIOD
+"""[s] within which a base without commands stops"""
 NEAR = {"initial_pose.x": -4.0, "initial_pose.y": 0.2, "initial_pose.yaw": 0.0}
 STANDSTILL = 0.2
 """[s] for which a robot has to stand before it counts as stopped"""
@@ -48,7 +60,7 @@ class Witness:
         """Subscribe to the outputs with the test's node of the robot."""
         self.robot, self.peer = robot, robot.peer
         self.commands, self.truths = [], []
-        self.messages, self.non_finite = 0, []
+        self.non_finite = []
         self.killed = set()
         self._waited = {}
         for topic, kind in OUTPUTS.items():
@@ -58,7 +70,6 @@ class Witness:
 
     def _check(self, topic, message):
         now = time.monotonic()
-        self.messages += 1
         if not all(map(math.isfinite, numbers_of(message))):
             self.non_finite.append((topic, message))
         if topic == "cmd_vel":
@@ -89,21 +100,22 @@ class Witness:
         """Let a random part of a period pass, so that faults come at all of its phases."""
         self.peer.spin_for(random.uniform(0.0, 0.1))
 
-    def moments(self, running, random, drive=None):
+    def moments(self, trials, random, drive=None):
         """Yield the number of each trial at a random moment of a drive, and check that the robot moves after the last.
 
         ``drive`` makes it move; by default it does so by itself once the fault has ended.
         """
         drive = drive or self.until_moving
-        for number in running:
+        for number in trials:
             drive()
             self.wait(random)
             yield number
         drive()
 
-    def measure_stop(self, running, since, received=None):
-        """Add to the trials how long after a fault at ``since`` the robot stopped, see :meth:`stop_after`."""
-        running.measure(self.stop_after(since, received), delay=self.delay())
+    def check_stop(self, trials, bound, since, received=None):
+        """Check that the robot stopped within ``bound`` [s] after a fault at ``since``, see :meth:`stop_after`."""
+        seconds = self.stop_after(since, received)
+        assert seconds <= trials.bound(bound, self.delay())
 
     def stop_after(self, since, received=None):
         """Return the time [s] from ``since`` to the first of the zeros that are received without motion in between.
@@ -173,15 +185,9 @@ class Witness:
 
         return self.peer.spin_until(found, what=f"{texts} on /diagnostics")
 
-    def audit(self, suite):
-        """Add what the processes and messages of this robot showed to the counts of the suite; fail on a defect."""
-        counts = dict.fromkeys(suite, 0)
+    def audit(self):
+        """Fail if a process died or printed a traceback, or if an output was not finite."""
         for process in self.robot.launched:
-            counts["processes"] += 1
-            counts["tracebacks"] += process.output.count("Traceback")
-            counts["deaths"] += process not in self.killed and process.popen.poll() not in (None, 0)
-        counts["messages"], counts["non_finite"] = self.messages, len(self.non_finite)
-        for key, count in counts.items():
-            suite[key] += count
-        assert (counts["deaths"], counts["tracebacks"]) == (0, 0), "see the logs of the processes"
+            assert "Traceback" not in process.output
+            assert process in self.killed or process.popen.poll() in (None, 0), "died, see the log of the process"
         assert not self.non_finite, self.non_finite[0]

@@ -1,5 +1,7 @@
-"""The command diffbot: usage, exit statuses, one-line errors. The demonstration has a file of its own."""
+"""The command diffbot: usage, help, completion, exit statuses, one-line errors."""
 
+import os
+import shlex
 import subprocess
 import sys
 from argparse import Namespace
@@ -7,12 +9,15 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import bag_commands
-import foreign_bags
+import bag_makers
 import pytest
+import view_bags
 
 from diffbot_core.errors import DiffbotError
 from diffbot_tools import cli
 from diffbot_tools.arguments import OUTPUTS, check_outputs
+from diffbot_tools.command_help import EXAMPLES
+from diffbot_tools.goal_command import used_domains
 
 WRONG = {
     "unknown command": ["dance"],
@@ -111,7 +116,7 @@ READ = {"bag", "bags", "contract", "params", "folder", "file", "tuning", "runner
 
 def test_outputs_of_every_command_are_checked_before_its_work(tmp_path, capsys):
     """A command whose option is new belongs into OUTPUTS of diffbot_tools.arguments, or into READ."""
-    bag = foreign_bags.write_folder(tmp_path / "bag", foreign_bags.irregular(0.5))
+    bag = bag_makers.write_folder(tmp_path / "bag", view_bags.irregular(0.5))
     before = {path: path.read_bytes() for path in bag.iterdir()}
     checked = set()
     for name, parser in bag_commands.leaves(cli._parser()):
@@ -123,9 +128,43 @@ def test_outputs_of_every_command_are_checked_before_its_work(tmp_path, capsys):
                     options = Namespace(**{action.dest: path})
                     with pytest.raises(DiffbotError, match="is a bag"):
                         check_outputs(options)
-    assert {"bag check junit", "report out", "campaign out", "stability certify out", "watch record"} <= checked
-    (tmp_path / "contract.yaml").write_text("version: 1\n")
+    assert {"bag check write", "report out", "campaign out", "stability certify out", "watch record"} <= checked
     for path in before:
-        assert cli.main(["bag", "check", str(bag), str(tmp_path / "contract.yaml"), "--junit", str(path)]) == 2
+        assert cli.main(["report", str(bag), "-o", str(path)]) == 1
         assert capsys.readouterr().err == f"diffbot: cannot write to {path}: {bag} is a bag\n"
     assert {path: path.read_bytes() for path in bag.iterdir()} == before
+
+
+def test_every_command_has_examples_that_its_own_parser_accepts_and_its_help_shows():
+    parser = cli._parser()
+    leaves = dict(bag_commands.leaves(parser))
+    assert set(leaves) <= set(EXAMPLES) <= set(leaves) | {name.split()[0] for name in leaves}
+    for name, leaf in leaves.items():
+        for example in EXAMPLES[name]:
+            assert f"\n  diffbot {example}\n" in leaf.format_help()
+            options = parser.parse_args(shlex.split(example))
+            assert example.startswith(name)
+            assert callable(options.call)
+
+
+def completed(line):
+    """Return what the shell would offer, as the script of argcomplete asks for it."""
+    environment = {**os.environ, "_ARGCOMPLETE": "1", "_ARGCOMPLETE_SUPPRESS_SPACE": "0", "COMP_LINE": line}
+    environment |= {"COMP_POINT": str(len(line)), "_ARGCOMPLETE_IFS": "\n", "COMP_TYPE": "9"}
+    command = f"exec 8>&1 9>/dev/null; exec {shlex.quote(sys.executable)} -m diffbot_tools.cli"
+    done = subprocess.run(["bash", "-c", command], env=environment, capture_output=True, text=True, check=False)
+    return {word.strip() for word in done.stdout.split("\n") if word.strip()}
+
+
+def test_commands_flags_and_choices_are_completed():
+    assert completed("diffbot ro") == {"robot"}
+    assert completed("diffbot robot ") >= {"new", "check", "drive"}
+    assert completed("diffbot robot new a.yaml --like turtle") == {"turtlebot3_burger", "turtlebot4"}
+    assert "--restart-timeout" in completed("diffbot goal 1 2 0 --res")
+
+
+def test_domains_are_those_of_the_discovery_ports():
+    """DDSI-RTPS 9.6.1: multicast 7400 + 250 d, first participant 7400 + 250 d + 10; the second one's is no sign."""
+    ports = (7400, 7400 + 250 * 42 + 10, 7400 + 250 * 7 + 12, 53, 60000)
+    rows = [f"  {n}: 00000000:{port:04X} 00000000:0000 07" for n, port in enumerate(ports)]
+    assert used_domains("\n".join(["  sl  local_address rem_address", *rows])) == [0, 42]

@@ -101,8 +101,8 @@ class GoalClient(Node):  # type: ignore[misc]
             namespace: namespace of this node and of the robot.
             controller: name of the robot's controller.
             frame: of goals without a frame, and of the poses in the feedback.
-            restart_timeout: [s] for which a controller may be away before its goals are LOST; longer for one that
-                is started again and resumes its goal.
+            restart_timeout: [s] for which a controller may be away before its goals are LOST; longer for one whose
+                process or network pauses.
             node_options: options of rclpy's Node, such as ``context``. Services for its parameters, which it does not
                 have, are left out unless ``start_parameter_services`` asks for them.
         """

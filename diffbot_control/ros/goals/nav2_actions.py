@@ -1,7 +1,7 @@
 """Nav2's actions ``navigate_to_pose`` and ``navigate_through_poses``, served by the controller.
 
-They exist where nav2_msgs can be imported: on a ROS installation with Nav2's messages, or after ``diffbot interfaces
-build``. A goal by action is one of the controller's goals: any newer goal replaces it, whichever way that came.
+They exist where nav2_msgs can be imported: on a ROS installation with Nav2's messages. A goal by action is one of the
+controller's goals: any newer goal replaces it, whichever way that came.
 """
 
 from __future__ import annotations

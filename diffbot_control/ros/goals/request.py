@@ -28,7 +28,7 @@ from diffbot_core.ranges import HEADING
 NUMBERS = ("x", "y", "yaw")
 NAMES = ("goal_id", "frame_id", *NUMBERS)
 MAX_POSES = 1000
-MAX_YAW = HEADING[1]
+_MAX_YAW = HEADING[1]
 """[rad] larger angles have lost their meaning to rounding or to a mistaken unit."""
 _MAX_SHOWN = 60
 _ID = re.compile(r"[0-9a-f]{32}")
@@ -74,7 +74,7 @@ def read_goal_request(request: SetParametersAtomically.Request, default_frame: s
         InvalidValueError: naming field, value and bound.
     """
     values = _values_of(request)
-    goal_id = checked_goal_id(values.get("goal_id", ""))
+    goal_id = _checked_goal_id(values.get("goal_id", ""))
     if not set(values) - {"goal_id"}:
         return SentGoal(goal_id, None)
     frame = values.get("frame_id", default_frame)
@@ -90,7 +90,7 @@ def read_goal_request(request: SetParametersAtomically.Request, default_frame: s
     return SentGoal(goal_id, message)
 
 
-def checked_goal_id(value: Any) -> str:
+def _checked_goal_id(value: Any) -> str:
     """Return an id as 32 lower-case hexadecimal digits, not all zero: that means *all goals* in a cancellation.
 
     Raises:
@@ -140,7 +140,7 @@ def _columns(values: Mapping[str, Any]) -> list[list[float]] | None:
 
 
 def _number(name: str, value: Any) -> float:
-    limit, unit = (MAX_YAW, "rad") if name == "yaw" else (MAX_COORDINATE, "m")
+    limit, unit = (_MAX_YAW, "rad") if name == "yaw" else (MAX_COORDINATE, "m")
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
         raise InvalidValueError(name, _shown(value), f"a finite number [{unit}]")
     if abs(value) > limit:

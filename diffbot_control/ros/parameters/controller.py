@@ -12,7 +12,6 @@ from diffbot_control.law.configuration import TANH, ControllerConfig
 from diffbot_control.law.controller import SwitchingLaw
 from diffbot_control.law.presets import PRESETS, TUNED
 from diffbot_control.ros.frames import PREFIX_TEXT, RELIABLE_TEXT
-from diffbot_control.ros.parameters.restart import RestartConfig
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.ros.command_parameters import CommandSourceConfig
 from diffbot_core.ros.fault_parameters import FaultConfig
@@ -91,7 +90,6 @@ class ControllerNodeConfig(NamedTuple):
     reliable_inputs: Annotated[bool, Spec(RELIABLE_TEXT, read_only=True)] = False
     enable_stamped_cmd_vel: Annotated[bool, Spec("publish TwistStamped instead of Twist", read_only=True)] = False
     commands: CommandSourceConfig = CommandSourceConfig()
-    restart: RestartConfig = RestartConfig()
     lifecycle: LifecycleConfig = LifecycleConfig()
     faults: FaultConfig = FaultConfig()
 

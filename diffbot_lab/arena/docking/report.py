@@ -1,4 +1,4 @@
-"""The docking study as text and figure: targets, where the peer is ahead, tables."""
+"""The docking study as tables and a figure, and where the peer is ahead."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from diffbot_lab.arena.docking.study import (
     run_study,
 )
 from diffbot_lab.cases import described
-from diffbot_lab.targets import Target, evaluate_targets, markdown_table, number, summary
+from diffbot_lab.tables import markdown_table, number
 
 Results = dict[str, Any]
 Array = NDArray[np.float64]
@@ -29,20 +29,12 @@ Array = NDArray[np.float64]
 LABELS = {OWN: "docking", PEER: "Nav2's docking server"}
 _SCALES = {"lateral": (100.0, "cm", 2), "heading": (math.degrees(1.0), "degrees", 2), "speed": (1.0, "m/s", 2)}
 """Factor, unit and digits of a figure where it is shown; times are in s with one digit"""
-_BOUNDS = (
-    *(("lateral", "p95", 1.0), ("lateral", "p99", 1.5), ("heading", "p95", 1.0), ("heading", "p99", 1.5)),
-    *(("middle_time", "median", 15.0), ("middle_time", "p99", 25.0)),
-)
 _SHARES = ("docked", "no_contact")
-_DOCKED = 99.9
-"""[%] to be docked within the tolerances"""
 _COMPARED = (
     *(("docked", "", "share docked"), ("no_contact", "", "runs without contact")),
     *(("lateral", "p95", "lateral error, 95 %"), ("heading", "p95", "heading error, 95 %")),
     *(("time", "median", "time, median"), ("time", "p99", "time, 99 %")),
 )
-_TEXTS = {"lateral": "lateral error", "heading": "heading error", "middle_time": "time from 1.5 m"}
-_LEVELS = {"median": "median", "p95": "95 %", "p99": "99 %"}
 _PATHS = 40
 """drawn of each law"""
 
@@ -58,19 +50,6 @@ def shown_value(figures: Results, part: str, level: str) -> float | None:
 def unit_of(part: str) -> str:
     """Return the unit a figure is shown in."""
     return "%" if part in _SHARES else _SCALES.get(part, (1.0, "s", 1))[1]
-
-
-def targets(results: Results) -> list[Target]:
-    """Return the targets of this project's docking in each case."""
-    found = []
-    for row in results["cases"]:
-        own = row["laws"][OWN]
-        for part, level, bound in _BOUNDS:
-            text = f"{_TEXTS[part]} [{unit_of(part)}], {_LEVELS[level]}"
-            found.append(Target(row["name"], text, shown_value(own, part, level), bound))
-        share = shown_value(own, "docked", "")
-        found.append(Target(row["name"], "docked within 2 cm and 2 degrees [%]", share, _DOCKED, at_least=True))
-    return found
 
 
 def peer_ahead(results: Results) -> list[Results]:
@@ -130,23 +109,17 @@ def run_and_report(runs: int, seed: int, names: tuple[str, ...], folder: Path, f
     with output_folder(folder):
         path = folder / "results.json"
         results, shown = run_study(runs, seed, names, lambda found: write_json(path, found))
-        write_json(path, results | conclusions(results))
+        write_json(path, results | {"peer_ahead": peer_ahead(results)})
         for case in docking_cases(names):
             for name, law in LAWS.items():
                 shared = case_of(case, law)
                 print(described(f"{case.name}: law {name}", controller=shared.controller, plant=shared.plant))
             print(described(f"{case.name}: both", sensors=shared.sensors))
-        print("\n".join(["", "Nav2's docking server is ahead in:", *ahead_lines(results), "", *table(results), ""]))
-        print("\n".join(summary(targets(results))))
+        print("\n".join(["", "Nav2's docking server is ahead in:", *ahead_lines(results), "", *table(results)]))
         if figures:
             draw(shown, folder / "docking.png")
     print(f"Results in {folder}")
     return 0
-
-
-def conclusions(results: Results) -> Results:
-    """Return what follows from the figures, for results.json."""
-    return {"targets": evaluate_targets(targets(results)), "peer_ahead": peer_ahead(results)}
 
 
 def draw(shown: dict[str, tuple[Array, Array]], path: Path) -> None:

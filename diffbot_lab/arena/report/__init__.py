@@ -1,1 +1,1 @@
-"""What the arena's runs come to: statistics as text, figures and targets."""
+"""Results of the arena: tables, a figure, and where a peer is ahead."""

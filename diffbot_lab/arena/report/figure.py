@@ -20,7 +20,7 @@ _TITLE_WIDTH = 17
 """characters in a line above a narrow panel"""
 
 
-def style_of(index: int) -> tuple[str, str, float]:
+def _style_of(index: int) -> tuple[str, str, float]:
     """Return colour, line and width of the law with this place in the figure; the first one stands out."""
     line = _LINES[index // len(_COLOURS) % len(_LINES)]
     return _COLOURS[index % len(_COLOURS)], line, 2.4 if index == 0 else 1.4
@@ -47,7 +47,7 @@ def draw_benchmark(sheets: list[Sheet], path: Path) -> None:
     low = np.min([sheet.paths.min(axis=(0, 1)) for sheet in sheets], axis=0)[:2] - np.array((0.8, 0.8))
     high = np.max([sheet.paths.max(axis=(0, 1)) for sheet in sheets], axis=0)[:2] + np.array((2.0, 0.8))
     for index, (axes, sheet) in enumerate(zip(panels, sheets, strict=True)):
-        _draw_paths(axes, sheet, style_of(index)[0])
+        _draw_paths(axes, sheet, _style_of(index)[0])
         axes.set_xlim(low[0], high[0])
         axes.set_ylim(low[1], high[1])
         axes.set_aspect("equal")
@@ -76,7 +76,7 @@ def _draw_shares(curves: list[Any], sheets: list[Sheet]) -> None:
     column = COLUMNS.index
     for index, sheet in enumerate(sheets):
         out = sheet.outcomes
-        colour, line, width = style_of(index)
+        colour, line, width = _style_of(index)
         quantities = (
             out[:, column("reached_time")],
             out[:, column("settling_time")],

@@ -4,28 +4,23 @@ from __future__ import annotations
 
 from typing import Any
 
-from diffbot_lab.arena.report.targets import Results, answered, false_share, peers_ahead, share, targets
+from diffbot_lab.arena.report.ahead import Results, answered, false_share, share
 from diffbot_lab.arena.statistics import ANSWER_TIMES
-from diffbot_lab.targets import evaluate_targets, number, summary
-
-
-def conclusions(results: Results) -> Results:
-    """Return what follows from the figures, for results.json."""
-    return {"targets": evaluate_targets(targets(results)), "ahead": peers_ahead(results)}
+from diffbot_lab.tables import number
 
 
 def table(results: Results) -> str:
-    """Lay out all cases, the figures in which a peer is ahead, and the targets, for a terminal."""
+    """Lay out all cases and the figures in which a peer is ahead, for a terminal."""
     labels = {one["name"]: one["label"] for one in results["laws"]}
     head = f"{'':<42}{'answered: 20 s':>15}{'30 s':>8}{'60 s':>8}{'false':>8}{'time [s]: median':>18}{'99 %':>7}"
     head += f"{'settled':>10}{'99 % [s]':>10}{'|pos| [m]: 95 %':>17}{'turns':>7}"
     lines = [f"{one['label']}: {one['parameters']}" for one in results["laws"]]
     lines += [f"(in the case {results['cases'][0]['name']}; the others as their titles say)", ""]
-    lines += _ahead_lines(peers_ahead(results))
+    lines += _ahead_lines(results["ahead"])
     for row in results["cases"]:
         lines += ["", f"{row['name']}: {row['text']}", head, "-" * len(head)]
         lines += [_terminal_row(labels[one["name"]], one) for one in row["laws"]]
-    return "\n".join([*lines, "", *summary(targets(results))])
+    return "\n".join(lines)
 
 
 def _terminal_row(label: str, one: Results) -> str:
@@ -46,23 +41,11 @@ def _ahead_lines(ahead: list[dict[str, Any]]) -> list[str]:
 
 
 def _pair(one: dict[str, Any]) -> str:
-    peers, ours = figures_text(one)
-    sure = "" if one["apart"] or one["ours"] is None else " (intervals overlap)"
-    return f"{peers}{_unit(one)}, ours {ours}{sure}"
-
-
-def figures_text(one: dict[str, Any]) -> tuple[str, str]:
-    """Return the peer's figure, and this project's with its unit, rounded to the first digit that differs.
-
-    Args:
-        one: of :func:`~diffbot_lab.arena.report.targets.peers_ahead`.
-    """
+    """Return the peer's figure and this project's, rounded to the first digit that differs."""
     ours, peers = one["ours"], one["peers"]
+    unit = f" {one['unit']}" if one["unit"] else ""
     if ours is None:
-        return f"{peers:.3f}", "none"
+        return f"{peers:.3f}{unit}, ours none"
     digits = next((d for d in (3, 4, 5) if f"{peers:.{d}f}" != f"{ours:.{d}f}"), 6)
-    return f"{peers:.{digits}f}", f"{ours:.{digits}f}{_unit(one)}"
-
-
-def _unit(one: dict[str, Any]) -> str:
-    return f" {one['unit']}" if one["unit"] else ""
+    sure = "" if one["apart"] else " (intervals overlap)"
+    return f"{peers:.{digits}f}{unit}, ours {ours:.{digits}f}{unit}{sure}"

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from diffbot_lab.stability.contract.deviations import BOUNDED
-from diffbot_lab.targets import markdown_table
+from diffbot_lab.tables import markdown_table
 
 
 def table(results: Mapping[str, Any]) -> list[str]:

@@ -6,7 +6,7 @@ import { unpackRobots } from "./packing.js";
 import { add, EventList, MAX_EVENTS, showDiagnostics, showLaw, showResult, showSummary, showTopics, showValues } from "./panels.js";
 import { Player } from "./player.js";
 import { startPointer } from "./pointer.js";
-import { fragmentOf, pictureOf, readFragment } from "./share.js";
+import { fragmentOf, readFragment } from "./share.js";
 import { Robot } from "./store.js";
 import { coloursOf, startTheme } from "./theme.js";
 import { View } from "./view.js";
@@ -270,7 +270,6 @@ function startMap(onPose) {
     page.view.follow = !page.view.follow;
     redraw();
   }, true);
-  makeButton("Save picture", "s", savePicture);
   makeButton("Copy link", "l", copyLink);
   addEventListener("hashchange", goToLink);
   startPointer($("map"), page.view, page.tools, { onPose, onHint: alarm, onChange: () => redraw(), onHover: hoverMap });
@@ -282,16 +281,6 @@ function startMap(onPose) {
   $("robot").addEventListener("change", () => chooseRobot($("robot").value));
   $("theme").addEventListener("click", changeTheme);
   new ResizeObserver(() => redraw(true)).observe(document.body);
-}
-
-function savePicture() {
-  const title = [$("title").textContent, $("state").textContent, $("clock").textContent].join("   ");
-  pictureOf($("map"), charts, title, colours).toBlob((blob) => {
-    const link = add(document.body, "a", "", { href: URL.createObjectURL(blob), download: "diffbot.png" });
-    link.click();
-    link.remove();
-    URL.revokeObjectURL(link.href);
-  });
 }
 
 /** Put this moment into the address, and the address into the clipboard where the browser allows it. */

@@ -4,12 +4,12 @@ import os
 import subprocess
 import sys
 
-import foreign_bags
 import lz4.frame
 import pytest
+import view_bags
 import yaml
 import zstandard
-from bag_makers import write_mcap
+from bag_makers import write_folder, write_mcap
 from mcap.exceptions import McapError
 from mcap.records import Chunk, ChunkIndex
 
@@ -45,9 +45,8 @@ def mcap(tmp_path):
     path, kind = tmp_path / "foreign.mcap", "std_msgs/msg/Empty"
 
     def write(messages, chunk_size=MB, qos="", definition=b""):
-        topics = {"/a": (kind, {"offered_qos_profiles": qos})}
         rows = (("/a", *message) for message in messages)
-        return write_mcap(path, topics, rows, {kind: definition}, chunk_size=chunk_size)
+        return write_mcap(path, rows, {"/a": kind}, {"/a": qos}, definitions={kind: definition}, chunk_size=chunk_size)
 
     return write
 
@@ -109,7 +108,7 @@ def test_a_hostile_qos_profile(profile):
     ],
 )
 def test_wrong_values_in_metadata(tmp_path, changes, words):
-    folder = foreign_bags.write_folder(tmp_path / "run", [("/a", 5, 0, foreign_bags.command(0.0, 0.0))])
+    folder = write_folder(tmp_path / "run", [("/a", 5, 0, view_bags.command(0.0, 0.0))])
     path = folder / "metadata.yaml"
     content = yaml.safe_load(path.read_text())
     content["rosbag2_bagfile_information"].update(changes)

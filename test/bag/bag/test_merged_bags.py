@@ -1,8 +1,7 @@
 """Several bags as one: order, counts, latched messages, and topics that do not fit together."""
 
 import pytest
-from bag_makers import BEGIN, point
-from replays import MS, write_mcap, write_rosbags
+from bag_makers import BEGIN, LATCHED, MS, point, write_mcap, write_rosbags
 
 from diffbot_bag.bag.merged_bags import MergedBags
 from diffbot_core.errors import DiffbotError
@@ -15,7 +14,8 @@ def times(first, count, period):
 @pytest.fixture
 def three(tmp_path):
     """/a in two bags that overlap in time, one of them of another maker, and /b in a third, after both."""
-    one = write_mcap(tmp_path / "one.mcap", [("/a", time, point(1)) for time in times(0, 100, 2)], latched=("/a",))
+    rows = [("/a", time, point(1)) for time in times(0, 100, 2)]
+    one = write_mcap(tmp_path / "one.mcap", rows, offers={"/a": [LATCHED]})
     two = write_rosbags(tmp_path / "two", [("/a", time, point(2)) for time in times(51, 100, 2)])
     three = write_mcap(tmp_path / "three.mcap", [("/b", time, point(3)) for time in times(1000, 10, 1)])
     return one, two, three

@@ -1,5 +1,7 @@
 """Bags of several files: where files end, what each contains and what metadata.yaml says, for other libraries."""
 
+from random import Random
+
 import cut_bags
 import pytest
 from bag_makers import BEGIN, STORE, STRING, string
@@ -165,3 +167,29 @@ def test_parameters_are_read_as_they_were_written(tmp_path):
     bag.writer.attach(PARAMETERS, "application/json", dump_parameters({"/ekf": values}))
     with BagReader(bag.close()) as reader:
         assert reader.node_parameters() == {"/ekf": {**values, "limit": "inf", "api_key": HIDDEN}}
+
+
+def trickle(folder, **limits):
+    """Record 4 MB of hexadecimal digits, 4 kB between two flushes, in chunks of the default size; return the files."""
+    random, writer = Random(1), BagWriter(folder, limits=FileLimits(**limits))
+    channel = writer.add_topic("/data", STRING, [Qos()])
+    for number in range(2000):
+        time = BEGIN + number * SECOND // 10
+        writer.write(channel, string(random.randbytes(1000).hex()), time, time, number)
+        if number % 2:
+            writer.flush(sync=False)
+    writer.close()
+    return cut_bags.files_of(folder)
+
+
+def test_messages_that_never_fill_a_chunk_end_a_file_at_its_largest_size_too(tmp_path):
+    size = 2**19
+    *full, last = [path.stat().st_size for path in trickle(tmp_path / "all", max_size=size)]
+    # The digits take half of their size in the file, which is what counts.
+    assert 3 <= len(full) <= 4
+    assert all(size <= found < 1.05 * size for found in full)
+    assert last < 1.05 * size
+    assert len(cut_bags.check_metadata(tmp_path / "all")) == 2000
+    kept = trickle(tmp_path / "newest", max_size=size, max_files=2)
+    assert [path.name for path in kept] == [f"newest_{number}.mcap" for number in (len(full) - 1, len(full))]
+    assert cut_bags.check_metadata(tmp_path / "newest")[-1].sequence == 1999

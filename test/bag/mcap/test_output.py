@@ -20,7 +20,7 @@ def records_of(content, **options):
 
 
 def test_each_summary_offset_names_the_bytes_of_its_group(tmp_path):
-    path = cut_bags.write_mcap(tmp_path / "source.mcap", cut_bags.drive(), extras=("notes",))
+    path = cut_bags.write_file(tmp_path / "source.mcap", cut_bags.drive(), attached=("notes",))
     with SourceBag(path) as bag:
         trim(bag, Span(BEGIN + 30 * STEP, BEGIN + 150 * STEP)).write(tmp_path / "out", lambda _: None)
     content = (tmp_path / "out" / "out_0.mcap").read_bytes()

@@ -1,6 +1,6 @@
 """The services of a running recorder, splits, and what it attaches to each file."""
 
-import json
+import secrets
 
 import cut_bags
 import graph
@@ -63,20 +63,24 @@ def test_splits_by_size_and_service_lose_and_repeat_nothing(tmp_path, nodes):
     assert numbers(tmp_path / "run", "/map") == [[1]] * len(by_file)
 
 
-def test_a_snapshot_is_written_when_asked_for(tmp_path, nodes):
-    recording = Recording(nodes, tmp_path / "run", snapshot_mode=True, max_cache_size=2**20)
-    recording.publish(4500)
-    nodes.peer.spin_until(lambda: recording.recorder.node.health.accepted["/data"] == 4500, what="all messages")
-    kept = recording.recorder.node._recording.in_memory
-    assert 3000 < kept < 4000, "a megabyte"
-    assert recording.recorder.value("messages") == "0"
-    assert recording.call("snapshot") == (True, f"{kept} messages")
-    recording.recorder.wait("messages", kept)
-    recording.close()
-    (newest,) = numbers(tmp_path / "run", "/data")
-    assert newest == list(range(4501 - kept, 4501))
-    # The latched message was pushed out of the memory, and is written all the same.
-    assert numbers(tmp_path / "run", "/map") == [[1]]
+def test_a_slow_recording_with_default_parameters_splits_and_deletes_the_oldest_files(tmp_path, nodes):
+    size = 2**19
+    recorder = Recorder(nodes, tmp_path / "run", topics=["/text"], max_bag_size=size, max_bag_files=2)
+    text = nodes.peer.publisher(String, "text", DEEP)
+    recorder.wait_for(text)
+    # 1.7 MB in chunks smaller than chunk_size, each written by a flush.
+    for number in range(1, 15):
+        text.publish(String(data=secrets.token_hex(120_000)))
+        nodes.peer.spin_until(
+            lambda number=number: recorder.node._writer.count == number and not recorder.node._writer.unflushed,
+            what="a flush",
+        )
+        assert len(cut_bags.files_of(tmp_path / "run")) <= 2
+    recorder.close()
+    kept = cut_bags.files_of(tmp_path / "run")
+    assert len(kept) == 2
+    assert all(path.stat().st_size < 1.3 * size for path in kept)
+    assert len(cut_bags.check_metadata(tmp_path / "run")) < 14
 
 
 def test_a_pause_is_no_loss(tmp_path, nodes):
@@ -87,7 +91,6 @@ def test_a_pause_is_no_loss(tmp_path, nodes):
     assert recording.call("resume") == (True, "recording")
     recording.publish(10)
     recording.recorder.wait("messages", 11)
-    assert recording.call("snapshot") == (False, "not in snapshot mode (snapshot_mode)")
     assert recording.call("pause") == (True, "paused")
     nodes.peer.spin_until(lambda: recording.recorder.reports[-1].message == "paused", what="the report")
     recording.close()
@@ -95,7 +98,7 @@ def test_a_pause_is_no_loss(tmp_path, nodes):
     assert numbers(tmp_path / "run", "/data") == [list(range(11, 21))]
 
 
-def test_parameters_of_the_nodes_that_answer_and_the_host_are_attached_at_once(tmp_path, monkeypatch):
+def test_parameters_of_the_nodes_that_answer_are_attached_at_once(tmp_path, monkeypatch):
     monkeypatch.setattr(node_parameters, "DEADLINE", graph.PATIENCE)
     services = {"start_parameter_services": True}
     # The second has the services, and nobody who spins it; by its name it is asked first.
@@ -113,8 +116,6 @@ def test_parameters_of_the_nodes_that_answer_and_the_host_are_attached_at_once(t
         recording.close()
     with BagReader(tmp_path / "run") as reader:
         found = reader.node_parameters()
-        host = json.loads(reader.attachment("host.json"))
     assert (found["/asked"]["gain"], found["/asked"]["names"]) == (0.25, ["a", "b"])
     assert found["/recorder"]["uri"] == str(tmp_path / "run")
     assert "/a_silent_one" not in found
-    assert host["package"]["diffbot"]

@@ -1,14 +1,14 @@
 """Seek, rate, burst, loops, the fastest replay and reading ahead: a clock of the test, times worked out by hand."""
 
+import heapq
 import itertools
 import random
 import threading
 
 import graph
 import pytest
-from bag_makers import BEGIN, point
+from bag_makers import BEGIN, LATCHED, MS, point, write_mcap
 from mcap.reader import make_reader
-from replays import MS, FakeClock, write_mcap
 
 from diffbot_bag.bag.merged_bags import MergedBags
 from diffbot_bag.bag.reader import RawMessage
@@ -30,6 +30,40 @@ def recorded(count=300):
         if index in (0, 100, 250):
             messages.append(("/map", time + 1, point(1000 + index)))
     return messages
+
+
+class FakeClock:
+    """Steady time that passes only in waiting, at once; scripted actions happen when their times come."""
+
+    def __init__(self):
+        self.time = 0
+        self._script = []
+        self._number = itertools.count()
+
+    def at(self, time, action):
+        """Call ``action`` at ``time`` [ns]; of equal times, those given first come first."""
+        heapq.heappush(self._script, (time, next(self._number), action))
+
+    def now(self):
+        return self.time
+
+    def sleep_until(self, target):
+        while self._script and self._script[0][0] <= target:
+            self._act()
+        self.time = max(self.time, target)
+
+    def wait(self, _condition, duration):
+        if self._script and (duration is None or self._script[0][0] <= self.time + duration):
+            self._act()
+        elif duration is None:
+            raise AssertionError("waits for something that never comes")
+        else:
+            self.time += duration
+
+    def _act(self):
+        time, _, action = heapq.heappop(self._script)
+        self.time = max(self.time, time)
+        action()
 
 
 class Run:
@@ -69,7 +103,7 @@ def plain(messages=None, **pace):
 @pytest.fixture
 def bag(tmp_path):
     """A bag of another maker, and what it holds in the order of an independent reader."""
-    path = write_mcap(tmp_path / "foreign.mcap", recorded(), latched=("/map",))
+    path = write_mcap(tmp_path / "foreign.mcap", recorded(), offers={"/map": [LATCHED]})
     with path.open("rb") as stream:
         expected = [(c.topic, m.log_time, m.data) for _, c, m in make_reader(stream).iter_messages()]
     bags = MergedBags([path])
@@ -170,6 +204,6 @@ def test_reading_ahead_keeps_order_and_bound(size):
         assert not graph.comes_true(lambda: len(drawn) > size + 150, 0.05)
         assert [message.data for message in iterator] == [point(index) for index in range(1, 3000)]
     # A reader that waits for room ends with the block.
-    with ReadAhead(raw(100_000), size):
+    with ReadAhead(itertools.repeat(drawn[0]), size):
         pass
     assert not any(one.name == "read ahead" for one in threading.enumerate())

@@ -4,15 +4,15 @@ import fcntl
 import os
 import termios
 
+import bag_makers
 import graph
 import pytest
-from bag_makers import BEGIN, point
+from bag_makers import BEGIN, MS, point, write_mcap, write_rosbags
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Point
 from rclpy.node import Node
 from recorders import DEEP_LATCHED, KEEP_ALL, LATCHED
 from replay_nodes import Replay, play
-from replays import MS, write_mcap, write_rosbags
 
 pytestmark = pytest.mark.graph
 
@@ -29,7 +29,8 @@ def bag(tmp_path_factory):
     messages = [("/a", BEGIN + index * 10 * MS, data) for index, data in enumerate(A)]
     messages += [("/map", BEGIN + index * 3000 * MS + 1, data) for index, data in enumerate(MAP)]
     path = tmp_path_factory.mktemp("bags") / "run.mcap"
-    return write_mcap(path, sorted(messages, key=lambda message: message[1]), latched=("/map",))
+    offers = {"/map": [bag_makers.LATCHED]}
+    return write_mcap(path, sorted(messages, key=lambda message: message[1]), offers=offers)
 
 
 @pytest.fixture(scope="module")

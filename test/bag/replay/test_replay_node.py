@@ -4,13 +4,12 @@ import io
 import re
 
 import pytest
-from bag_makers import BEGIN, POINT, STRING, point, string
+from bag_makers import BEGIN, MS, POINT, STRING, point, string, write_mcap
 from geometry_msgs.msg import Point
 from mcap.reader import make_reader
 from rclpy.serialization import deserialize_message, serialize_message
 from recorders import BEST_EFFORT, DEEP_LATCHED, KEEP_ALL
 from replay_nodes import Replay, play
-from replays import MS, write_mcap
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 
@@ -175,7 +174,7 @@ def test_damage_found_while_playing_is_one_line_and_status_one(nodes, bag, tmp_p
 def test_what_it_refuses_to_start_with(nodes, bag, tmp_path, monkeypatch, parameters, words):
     monkeypatch.chdir(tmp_path)
     BagWriter(tmp_path / "silent").close()
-    write_mcap(tmp_path / "other.mcap", [("/a", BEGIN, string(""))], kind=STRING)
+    write_mcap(tmp_path / "other.mcap", [("/a", BEGIN, string(""))], STRING)
     (tmp_path / "qos.yaml").write_text("/a: {depth: none}\n")
     with pytest.raises(DiffbotError, match=re.escape(words)):
         Replay(nodes, parameters.pop("uri", bag), {}, **parameters)

@@ -3,8 +3,7 @@
 from types import SimpleNamespace
 
 import pytest
-from bag_makers import BEGIN, point
-from replays import MS
+from bag_makers import BEGIN, MS, point
 
 from diffbot_bag.bag.reader import RawMessage
 from diffbot_bag.replay.playback_clock import Window

@@ -1,6 +1,6 @@
 """Figures of bags by several makers, against the same computed with numpy from what rosbags reads."""
 
-import foreign_bags
+import bag_makers
 import numpy as np
 import pytest
 import view_bags
@@ -19,10 +19,10 @@ def by_rosbags(folder, rows):
 
 
 MAKERS = {
-    "mcap zstd": lambda folder: foreign_bags.write_folder(folder, foreign_bags.irregular()),
-    "mcap lz4, three files": lambda folder: foreign_bags.write_folder(folder, foreign_bags.irregular(), "lz4", 3),
-    "mcap without compression": lambda folder: foreign_bags.write_folder(folder, foreign_bags.irregular(), "none"),
-    "rosbags": lambda folder: by_rosbags(folder, foreign_bags.irregular()),
+    "mcap zstd": lambda folder: bag_makers.write_folder(folder, view_bags.irregular()),
+    "mcap lz4, three files": lambda folder: bag_makers.write_folder(folder, view_bags.irregular(), "lz4", 3),
+    "mcap without compression": lambda folder: bag_makers.write_folder(folder, view_bags.irregular(), "none"),
+    "rosbags": lambda folder: by_rosbags(folder, view_bags.irregular()),
 }
 
 
@@ -81,11 +81,11 @@ def lost_in(info):
 
 
 def test_missing_sequence_numbers_are_lost_messages_and_the_recorders_report_counts_if_it_knows_of_more(tmp_path):
-    info = read_info(by_rosbags(tmp_path / "rosbags", foreign_bags.irregular(1.0)))
+    info = read_info(by_rosbags(tmp_path / "rosbags", view_bags.irregular(1.0)))
     assert lost_in(info) == {"/odom": None, "/pose": None, "/cmd_vel": None}
     assert info.lost is None
     report = {"lost_messages": "50", "lost /odom": "7", "lost /cmd_vel": "43"}
-    folder = foreign_bags.write_folder(tmp_path / "run", foreign_bags.irregular(), files=3, custom_data=report)
+    folder = bag_makers.write_folder(tmp_path / "run", view_bags.irregular(), files=3, custom_data=report)
     info = read_info(folder)
     assert lost_in(info) == {"/odom": 30, "/pose": 6, "/cmd_vel": 43}
     assert info.lost == 79
@@ -93,7 +93,7 @@ def test_missing_sequence_numbers_are_lost_messages_and_the_recorders_report_cou
 
 
 def test_quick_reads_no_message(tmp_path):
-    folder = foreign_bags.write_folder(tmp_path / "run", foreign_bags.irregular())
+    folder = bag_makers.write_folder(tmp_path / "run", view_bags.irregular())
     path = folder / "run_0.mcap"
     whole, content = read_info(folder, quick=True), bytearray(path.read_bytes())
     content[1000:2000] = bytes(1000)
@@ -105,12 +105,12 @@ def test_quick_reads_no_message(tmp_path):
 
 
 def test_a_bag_beyond_the_bounds_is_refused(tmp_path, monkeypatch):
-    folder = foreign_bags.write_folder(tmp_path / "late", [("/a", MAX_TIME + 1, 0, foreign_bags.command(0.0, 0.0))])
+    folder = bag_makers.write_folder(tmp_path / "late", [("/a", MAX_TIME + 1, 0, view_bags.command(0.0, 0.0))])
     with pytest.raises(DiffbotError, match=r"late_0.mcap: log time .*: must be <= "):
         read_info(folder)
     monkeypatch.setattr(bag_info, "MAX_TOPICS", 2)
     with pytest.raises(DiffbotError, match=r"has 3 topics: must be <= 2$"):
-        read_info(foreign_bags.write_folder(tmp_path / "run", foreign_bags.irregular(1.0)))
+        read_info(bag_makers.write_folder(tmp_path / "run", view_bags.irregular(1.0)))
 
 
 def test_nothing_is_lost_between_two_batches():

@@ -1,7 +1,8 @@
 """Contracts: each rule on both sides of its bound, drafts, and one line for everything that is wrong with one."""
 
-import foreign_bags
+import bag_makers
 import pytest
+import view_bags
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -20,16 +21,16 @@ TYPE = "nav_msgs/msg/Odometry"
 @pytest.fixture(scope="module")
 def info(tmp_path_factory):
     """/odom: 41 messages at 10 Hz, one gap of 0.3 s, two lost, 20 ms late, one 70 ms; /cmd_vel once, at the end."""
-    begin, rows = foreign_bags.BEGIN, []
+    begin, rows = bag_makers.BEGIN, []
     numbers = [number for number in range(43) if number not in (20, 21)]
     for number in numbers:
         time = begin + number * STEP
         late = 70_000_000 if number == 30 else 20_000_000
-        rows.append(("/odom", time, number + 1, foreign_bags.odometry(time - late, 0.0, 0.0, 0.0)))
-    rows.append(("/cmd_vel", begin + 43 * STEP, 0, foreign_bags.command(0.0, 0.0)))
+        rows.append(("/odom", time, number + 1, view_bags.odometry(time - late, 0.0, 0.0, 0.0)))
+    rows.append(("/cmd_vel", begin + 43 * STEP, 0, view_bags.command(0.0, 0.0)))
     folder = tmp_path_factory.mktemp("bags") / "run"
-    offers = {"/cmd_vel": foreign_bags.qos(2, 1) + foreign_bags.qos(1, 1)}
-    return read_info(foreign_bags.write_folder(folder, rows, offers=offers))
+    offers = {"/cmd_vel": bag_makers.qos(2, 1) + bag_makers.qos(1, 1)}
+    return read_info(bag_makers.write_folder(folder, rows, offers=offers))
 
 
 def results(info, *, consistency=None, **sections):
@@ -90,10 +91,10 @@ def test_topics_that_begin_late_and_stamps_that_go_back_or_are_missing_break_the
     assert passes(info, "max_start", 4.31, "/cmd_vel")
     assert not passes(info, "max_start", 4.29, "/cmd_vel")
     rows = [
-        ("/a", foreign_bags.BEGIN + number, 0, foreign_bags.odometry(stamp, 0.0, 0.0, 0.0))
+        ("/a", bag_makers.BEGIN + number, 0, view_bags.odometry(stamp, 0.0, 0.0, 0.0))
         for number, stamp in enumerate((5, 9, 8, 10))
-    ] + [("/b", foreign_bags.BEGIN, 0, foreign_bags.odometry(0, 0.0, 0.0, 0.0))]
-    found = read_info(foreign_bags.write_folder(tmp_path / "run", rows))
+    ] + [("/b", bag_makers.BEGIN, 0, view_bags.odometry(0, 0.0, 0.0, 0.0))]
+    found = read_info(bag_makers.write_folder(tmp_path / "run", rows))
     assert not passes(found, "monotone_stamps", True, "/a")
     assert passes(found, "stamped", True, "/a")
     assert not passes(found, "stamped", True, "/b")
@@ -135,10 +136,10 @@ def test_bounds_of_a_draft_are_rounded_outwards_to_two_digits(size, sign):
 def test_a_draft_refuses_a_bag_at_half_the_rate_with_a_longer_gap(info, tmp_path):
     contract = parse_contract(load_yaml(draft_contract(info, {}), "draft"), "draft")
     rows = [
-        ("/odom", foreign_bags.BEGIN + number * 2 * STEP, number, foreign_bags.odometry(1, 0.0, 0.0, 0.0))
+        ("/odom", bag_makers.BEGIN + number * 2 * STEP, number, view_bags.odometry(1, 0.0, 0.0, 0.0))
         for number in [*range(12), *range(16, 25)]
     ]
-    other = read_info(foreign_bags.write_folder(tmp_path / "run", rows))
+    other = read_info(bag_makers.write_folder(tmp_path / "run", rows))
     failed = {(one.topic, one.rule) for one in check_bag(contract, other, {}) if not one.passed}
     assert failed == {
         (BAG, "max_lost"),

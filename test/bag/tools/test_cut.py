@@ -4,13 +4,14 @@ from contextlib import ExitStack
 
 import cut_bags
 import pytest
-from bag_makers import definition as definition_of
-from cut_bags import BEGIN, MAKERS, POINT, STEP, STRING, Given, facts, files_of, write_new
+from bag_makers import BEGIN, LATCHED, POINT, STRING, definition, point
+from cut_bags import MAKERS, STEP, Given, facts, files_of, write_new
 from damaged_bags import messages_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
+from diffbot_bag.bag.message_definitions import MessageDefinitions
 from diffbot_bag.bag.metadata import read as read_metadata
 from diffbot_bag.bag.qos import Qos
 from diffbot_bag.bag.topic_selection import TopicSelection
@@ -61,22 +62,19 @@ def test_trim_keeps_the_messages_of_the_span_and_the_latched_one_of_before(bag, 
 
 
 def test_a_latched_topic_keeps_one_message_of_each_publisher_unless_its_lifespan_is_over(tmp_path):
-    topics = {
-        "/two": (POINT, [cut_bags.LATCHED] * 2),
-        "/short": (POINT, [cut_bags.LATCHED._replace(lifespan=10)]),
-        "/later": (POINT, [cut_bags.LATCHED]),
-        "/plain": (POINT, [Qos()]),
-    }
-    messages = [Given(topic, BEGIN + n, cut_bags.point(n)) for n in range(50) for topic in topics if topic != "/later"]
+    offers = {
+        "/two": [LATCHED] * 2, "/short": [LATCHED._replace(lifespan=10)], "/later": [LATCHED], "/plain": [Qos()]
+    }  # fmt: skip
+    messages = [Given(topic, BEGIN + n, point(n)) for n in range(50) for topic in offers if topic != "/later"]
     messages += [
         Given("/short", BEGIN + 89, b"1"),
         Given("/short", BEGIN + 100, b"2"),
         Given("/later", BEGIN + 101, b"3"),
     ]
-    path = cut_bags.write_mcap(tmp_path / "a.mcap", messages, topics, chunk_size=300)
+    path = cut_bags.write_file(tmp_path / "a.mcap", messages, POINT, offers, chunk_size=300)
     found = make(tmp_path / "part", lambda one: cut.trim(one, Span(BEGIN + 100, BEGIN + 200)), path)
     assert [(one.topic, one.data) for one in found] == [
-        ("/two", cut_bags.point(48)), ("/two", cut_bags.point(49)), ("/short", b"2"), ("/later", b"3")
+        ("/two", point(48)), ("/two", point(49)), ("/short", b"2"), ("/later", b"3")
     ]  # fmt: skip
 
 
@@ -138,17 +136,13 @@ def test_a_selection_of_nothing_is_refused(zstd_bag):
 
 def test_merge_unites_qos_numbers_and_facts(tmp_path):
     best_effort = Qos(reliability="best_effort")
-    a = {"/same": (POINT, [Qos()]), "/a": (STRING, [])}
-    b = {"/b": (STRING, []), "/same": (POINT, [Qos(), Qos(), best_effort])}
-    paths = [
-        cut_bags.write_mcap(
-            tmp_path / f"{name}.mcap",
-            [Given(topic, BEGIN + n, name.encode() + bytes([n])) for n in range(20) for topic in topics],
-            topics,
-            extras=("both", name),
-        )
-        for name, topics in (("a", a), ("b", b))
-    ]
+    kinds, offers = {"/a": STRING, "/b": STRING, "/same": POINT}, {"a": [Qos()], "b": [Qos(), Qos(), best_effort]}
+    paths = []
+    for name, topics in (("a", ("/same", "/a")), ("b", ("/b", "/same"))):
+        rows = [Given(topic, BEGIN + n, name.encode() + bytes([n])) for n in range(20) for topic in topics]
+        types = {topic: kinds[topic] for topic in topics}
+        path = tmp_path / f"{name}.mcap"
+        paths.append(cut_bags.write_file(path, rows, types, {"/same": offers[name]}, attached=("both", name)))
     found = make(tmp_path / "all", lambda *bags: cut.merge(bags), *paths)
     assert len(found) == 80
     assert {one.topic: (one.type, one.data[:1]) for one in found if one.topic != "/same"} == {
@@ -164,35 +158,32 @@ def test_merge_unites_qos_numbers_and_facts(tmp_path):
         assert [one.name for one in reader.iter_metadata()] == ["both", "a", "b", "rosbag2"]
 
 
-def test_definitions_of_other_recorders_are_the_same(tmp_path, monkeypatch):
+def test_definitions_of_other_recorders_are_the_same(tmp_path):
     """rosbags names the package of each type, and gives neither constants nor default values; ROS's own text does."""
     kind, path, found = "geometry_msgs/msg/Pose", tmp_path / "all", []
-    monkeypatch.setitem(cut_bags.HASHES, kind, "")
-    for text in (cut_bags.DEFINITIONS.schema_text(kind).encode(), definition_of(kind)):
-        monkeypatch.setitem(cut_bags.SCHEMAS, kind, text)
+    for text in (MessageDefinitions().schema_text(kind).encode(), definition(kind)):
         name = tmp_path / f"{len(found)}.mcap"
-        found.append(cut_bags.write_mcap(name, [Given("/pose", 5, bytes(60))], {"/pose": (kind, [])}))
+        found.append(cut_bags.write_file(name, [Given("/pose", 5, bytes(60))], kind, definitions={kind: text}))
     with SourceBag(found[0]) as one, SourceBag(found[1]) as two:
         cut.merge([one, two]).write(path, lambda _: None)
     assert len(facts(path)) == 2
 
 
 @pytest.mark.parametrize(
-    ("type_hash", "definition"),
+    ("type_hash", "text"),
     [
-        ("RIHS01_other", cut_bags.SCHEMAS[POINT]),
+        ("RIHS01_other", definition(POINT)),
         ("", b"float64 x\nfloat64 y\nfloat32 z"),
-        ("", cut_bags.SCHEMAS[POINT] + b"=" * 80 + b"\nMSG: a/B\nint8 a"),
+        ("", definition(POINT) + b"=" * 80 + b"\nMSG: a/B\nint8 a"),
     ],
 )
-def test_merge_refuses_a_topic_with_another_definition_or_type(zstd_bag, tmp_path, monkeypatch, type_hash, definition):
-    monkeypatch.setitem(cut_bags.HASHES, POINT, type_hash)
-    monkeypatch.setitem(cut_bags.SCHEMAS, POINT, definition)
+def test_merge_refuses_a_topic_with_another_definition_or_type(zstd_bag, tmp_path, type_hash, text):
+    options = {"definitions": {POINT: text}, "hashes": {POINT: type_hash}}
     for topic, words in (
         ("/point", f"/point: {zstd_bag} and .* have different definitions of {POINT}: leave"),
         ("/text", f"/text is std_msgs/msg/String in {zstd_bag} and {POINT} in .*: leave one out with"),
     ):
-        other = cut_bags.write_mcap(tmp_path / "b.mcap", [Given(topic, 5, b"")], {topic: (POINT, [])})
+        other = cut_bags.write_file(tmp_path / "b.mcap", [Given(topic, 5, b"")], POINT, **options)
         with SourceBag(zstd_bag) as one, SourceBag(other) as two, pytest.raises(DiffbotError, match=words):
             cut.merge([one, two])
 
@@ -200,7 +191,7 @@ def test_merge_refuses_a_topic_with_another_definition_or_type(zstd_bag, tmp_pat
 def test_custom_data_are_kept_and_losses_added(tmp_path):
     for name, lost in (("a", "3"), ("b", "4")):
         writer = BagWriter(tmp_path / name)
-        writer.write(writer.add_topic("/point", POINT), cut_bags.point(1), BEGIN, BEGIN)
+        writer.write(writer.add_topic("/point", POINT), point(1), BEGIN, BEGIN)
         writer.close({"lost_messages": lost, "robot": name, "place": "hall"})
     make(tmp_path / "all", lambda *bags: cut.merge(bags), tmp_path / "a", tmp_path / "b" / "b_0.mcap")
     custom_data = {"lost_messages": "7", "robot": "a, b", "place": "hall"}
@@ -218,8 +209,8 @@ def test_merge_then_trim_of_messages_in_any_order(tmp_path_factory, first, secon
     folder = tmp_path_factory.mktemp("any")
     paths = []
     for name, rows in (("a", first), ("b", second)):
-        messages = [Given(topic, 100 + time, name.encode(), n, 7) for n, (topic, time) in enumerate(rows)]
-        paths.append(cut_bags.write_mcap(folder / f"{name}.mcap", messages, chunk_size=chunk_size))
+        messages = [Given(topic, 100 + time, name.encode(), 7, n) for n, (topic, time) in enumerate(rows)]
+        paths.append(cut_bags.write_file(folder / f"{name}.mcap", messages, chunk_size=chunk_size))
     found = make(folder / "all", lambda *bags: cut.merge(bags), *paths)
     given = [one for path in paths for one in facts(path)]
     assert sorted(found) == sorted(given)

@@ -15,8 +15,8 @@ from collections import Counter
 import cut_bags
 import damaged_bags
 import pytest
-from bag_makers import write_mcap
-from damaged_bags import BEGIN, HASH, POINT, STEP, TOPICS
+from bag_makers import BEGIN, HASHES, MS, POINT, write_mcap
+from damaged_bags import TOPICS
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
@@ -92,12 +92,12 @@ def test_a_complete_bag_stays_as_it_is(whole, repair, tmp_path):
     assert (attachment.name, attachment.create_time, attachment.data) == ("parameters.yaml", 5, b"gain: 1.0\n" * 50)
     assert [record.name for record in reader.iter_metadata()] == ["robot", "rosbag2"]
     # Readers find the messages of a range by the index.
-    found = [message.log_time for *_, message in reader.iter_messages(["/b"], starting_at=BEGIN + 700 * STEP)]
-    assert found == [BEGIN + index * STEP for index in range(700, 900) if index % 3 == 1]
+    found = [message.log_time for *_, message in reader.iter_messages(["/b"], starting_at=BEGIN + 700 * MS)]
+    assert found == [BEGIN + index * MS for index in range(700, 900) if index % 3 == 1]
     cut_bags.check_metadata(tmp_path / "fixed")
     with BagReader(tmp_path / "fixed") as bag:
         assert bag.warning == ""
-        assert {(topic.type, topic.type_hash) for topic in bag.topics.values()} == {(POINT, HASH)}
+        assert {(topic.type, topic.type_hash) for topic in bag.topics.values()} == {(POINT, HASHES[POINT])}
         assert [bag.topics[name].qos[0].is_latched for name in TOPICS] == [False, False, True]
 
 
@@ -177,12 +177,12 @@ def test_bags_of_several_files_and_their_data(tmp_path):
         ("run_2.mcap", "fixed_1.mcap", 600),
         ("run_10.mcap", "fixed_2.mcap", 3000),
     ]
-    assert (result.start, result.end) == (BEGIN - 5, BEGIN + 2999 * STEP)
+    assert (result.start, result.end) == (BEGIN - 5, BEGIN + 2999 * MS)
     with BagReader(tmp_path / "fixed") as reader, AnyReader([tmp_path / "fixed"]) as other:
         assert reader.metadata.custom_data == {"lost_messages": "7"}
         assert reader.message_count == other.message_count == 3601
         assert reader.topics["/a"].message_count == 1201
-        assert (other.start_time, other.end_time) == (BEGIN - 5, BEGIN + 2999 * STEP + 1)
+        assert (other.start_time, other.end_time) == (BEGIN - 5, BEGIN + 2999 * MS + 1)
         starts = [(one.start, one.message_count) for one in reader.metadata.file_information]
         assert starts == [(BEGIN - 5, 1), (BEGIN, 600), (BEGIN, 3000)]
 
@@ -257,7 +257,7 @@ def test_what_a_killed_repair_left_is_deleted_by_the_next_one(tmp_path):
 @pytest.mark.parametrize("chunk_size", [100, 10**6])
 def test_messages_with_an_impossible_log_time_are_left_out_and_counted(tmp_path, chunk_size):
     messages = [("/a", time, bytes(28)) for time in (1, 2, 2**62, 2**62 + 1, 2**63)]
-    source = write_mcap(tmp_path / "run.mcap", {"/a": (POINT, {})}, messages, chunk_size=chunk_size)
+    source = write_mcap(tmp_path / "run.mcap", messages, chunk_size=chunk_size)
     with pytest.raises(DiffbotError, match="log time 9223372036854775808 ns: must be <= "):
         BagReader(source)
     result = repair_bag(source, tmp_path / "fixed")
@@ -326,7 +326,7 @@ def test_a_file_that_grows_or_a_full_disk_leaves_nothing(tmp_path, monkeypatch):
 
 def test_a_bomb_and_endless_false_chunks_are_refused(tmp_path):
     messages = (("/a", index, bytes(20 * 2**20)) for index in range(4))
-    source = write_mcap(tmp_path / "run.mcap", {"/a": (POINT, {})}, messages, chunk_size=15 * 2**20)
+    source = write_mcap(tmp_path / "run.mcap", messages, chunk_size=15 * 2**20)
     source.write_bytes(source.read_bytes()[:-20])
     assert "max_compression_ratio" in refused(tmp_path, source, tmp_path / "fixed")
     result = repair_bag(source, tmp_path / "fixed", BagLimits(1e9, 2**20))

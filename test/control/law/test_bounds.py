@@ -9,7 +9,6 @@ from extremes import assert_finite, extreme_configs
 from diffbot_control.goals import Supervisor, SupervisorConfig
 from diffbot_control.goals.registry import registered_laws, resolve_law
 from diffbot_control.law.controller import SwitchingLaw
-from diffbot_control.law.loop_check import unstable_gains
 from diffbot_control.law.paper import step as paper_step
 from diffbot_control.law.presets import PRESETS
 from diffbot_core.geometry import MAX_COORDINATE, Pose
@@ -42,8 +41,6 @@ def drive(config, law, rng):
     for period, pose, uncertainty in poses(rng):
         stamp += round(period * 1e9)
         yield supervisor.on_pose(stamp, stamp * 1e-9, pose, uncertainty), supervisor
-        if law is SwitchingLaw:
-            unstable_gains(config.controller, period)
     yield supervisor.on_tick(stamp * 1e-9 + 1e7, 1e7), supervisor
 
 

@@ -1,6 +1,5 @@
-"""The ready-made controllers, the parameter of the node that chooses one, and the parameters without effect."""
+"""The ready-made controllers, and the parameter of the node that chooses one."""
 
-import numpy as np
 import one_process
 import pytest
 from driven import ORIGIN, step
@@ -8,14 +7,11 @@ from rclpy.parameter import Parameter
 
 from diffbot_control.controller_node import ControllerNode
 from diffbot_control.law.controller import ControllerConfig, ControllerMemory
-from diffbot_control.law.inert import inert_parameters
 from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.regions import OMEGA_L, Switching
 from diffbot_control.ros.parameters.controller import CONTROLLER_PRESETS, ControllerNodeConfig
 from diffbot_core.geometry import Pose
-from diffbot_core.schema import build, parameters_of, to_dict
-from diffbot_sim.model.simulator import StartPose, WorldConfig
-from diffbot_sim.reference_loop import simulate
+from diffbot_core.schema import build, to_dict
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -33,7 +29,7 @@ def test_every_preset_is_valid_and_survives_conversion_to_parameters(name):
 
 @pytest.mark.parametrize(("name", "reached"), [("tuned", False), ("paper_covariance", False), ("paper", True)])
 def test_only_the_papers_preset_accepts_the_lateral_error_of_its_fixed_region(name, reached):
-    """The paper's own end state of simulation A, y = 0.1049 m; see docs/explanation/law/paper.md."""
+    """The paper's own end state of simulation A, y = 0.1049 m; see docs/explanation/law.md."""
     memory = ControllerMemory(Switching(OMEGA_L))
     for _ in range(4):
         memory, _, _ = step(memory, Pose(0.0028, 0.1049, 0.0066), ORIGIN, 0.1, PRESETS[name])
@@ -52,39 +48,3 @@ def test_the_node_takes_its_defaults_from_the_preset_and_overrides_win():
         # A later change of another parameter leaves the rest of the preset alone.
         assert node.set_parameters([Parameter("k_2", value=3.25)])[0].successful
         assert to_dict(node.config) == {**expected, "k_2": 3.25}
-
-
-WORLD = WorldConfig(start=StartPose(-1.5, 0.8, 2.0), seed=5)
-
-
-def path_of(config):
-    return simulate(WORLD, config, Pose(0.0, 0.0, 0.0), 150).truth
-
-
-def other_value(parameter, value):
-    spec = parameter.spec
-    if spec.choices:
-        return next(one for one in spec.choices if one != value)
-    if parameter.type is bool:
-        return not value
-    changed = value + 1 if parameter.type is int else 1.5 * value + 0.01
-    return min(max(changed, spec.minimum), spec.maximum)
-
-
-@pytest.mark.parametrize("preset", PRESETS)
-def test_an_inert_parameter_changes_nothing(preset):
-    base = PRESETS[preset]
-    expected, values, kinds = path_of(base), to_dict(base), {one.name: one for one in parameters_of(type(base))}
-    inert = inert_parameters(base)
-    assert inert
-    changed = {name: other_value(kinds[name], values[name]) for name in inert}
-    assert np.array_equal(path_of(build(type(base), changed, base)), expected)
-
-
-@pytest.mark.parametrize(
-    ("preset", "name", "value"), [("tuned", "react", 1.0), ("paper", "k", 3.0), ("paper", "eps_P", 0.2)]
-)
-def test_a_parameter_that_acts_is_not_called_inert(preset, name, value):
-    base = PRESETS[preset]
-    assert name not in inert_parameters(base)
-    assert not np.array_equal(path_of(build(type(base), {name: value}, base)), path_of(base))

@@ -1,4 +1,4 @@
-"""The arena: its runs, its figures and its command."""
+"""The arena: its runs, its figures and its commands."""
 
 import json
 import math
@@ -8,18 +8,16 @@ import numpy as np
 import pytest
 
 from diffbot_lab.arena import command as benchmark
-from diffbot_lab.arena import effects as law_effects
 from diffbot_lab.arena import tuning as law_tuning
-from diffbot_lab.arena.cases import CASES, OWN, arena_starts, cases_named, starts_named, world_of
+from diffbot_lab.arena.cases import arena_starts, cases_named, starts_named, world_of
 from diffbot_lab.arena.command import ArenaOptions, run_benchmark, takes_part
 from diffbot_lab.arena.entries import ENTRIES, OWN_NAME, config_of
-from diffbot_lab.arena.report.text import conclusions
+from diffbot_lab.arena.report.ahead import peers_ahead
 from diffbot_lab.arena.runs import case_of, run_case, run_paths
-from diffbot_sim.compiled.batch import COLUMNS
 from diffbot_tools import cli
 
-PEER = "switching_tuned"
-"""of the same law, so that nothing more is compiled"""
+PEER = "switching_paper_covariance"
+"""The same law with other gains, so that nothing more is compiled."""
 FEW = ArenaOptions(1, 7, (PEER,), ("nominal", "random_near", "precise"))
 (NOMINAL,) = cases_named(("nominal",))
 BY_NAME = {one.name: one for one in ENTRIES}
@@ -32,8 +30,12 @@ def benchmarked():
 
 def test_the_same_seed_gives_the_same_results(benchmarked):
     results, outcomes = benchmarked
-    assert {key: results[key] for key in ("targets", "ahead")} == conclusions(results)
-    assert [[one["name"] for one in row["laws"]] for row in results["cases"]] == [[OWN_NAME, PEER]] * 2 + [[OWN_NAME]]
+    assert results["ahead"] == peers_ahead(results)
+    assert [[one["name"] for one in row["laws"]] for row in results["cases"]] == [
+        [OWN_NAME, PEER],
+        [OWN_NAME],
+        [OWN_NAME],
+    ]
     tuning = law_tuning.read_tuning(None)
     for name, found in outcomes.items():
         values = law_tuning.tuned_values(tuning, BY_NAME[name])
@@ -46,61 +48,38 @@ def test_all_laws_meet_the_same_noise():
     assert np.ptp(first[0][:, 0]) > 0.01
 
 
-def test_the_starts():
-    starts = arena_starts()
-    np.testing.assert_allclose(np.hypot(starts[:16, 0], starts[:16, 1]), 12.0)
-    np.testing.assert_allclose(starts[8:16, 2], math.radians(220.0 - 360.0))
-    np.testing.assert_array_equal(starts_named("arena", 20, 3)[17:], starts[:3])
-    far, near, docking = (starts_named(kind, 4000, 3) for kind in ("far", "near", "docking"))
-    for poses, low, high in ((far, 0.2, 15.0), (near, 0.0, 1.0)):
+def test_random_starts_are_even_by_distance_and_angle_and_differ_by_kind_and_seed():
+    for kind, low, high in (("far", 0.2, 15.0), ("near", 0.0, 1.0)):
+        poses = starts_named(kind, 4000, 3)
         distance = np.hypot(poses[:, 0], poses[:, 1])
-        assert low <= distance.min() < low + 0.05 * (high - low)
-        assert high - 0.05 * (high - low) < distance.max() <= high
-        assert np.median(distance) == pytest.approx(0.5 * (low + high), rel=0.05)  # even by distance
+        assert np.quantile(distance, (0.0, 0.5, 1.0)) == pytest.approx([low, 0.5 * (low + high), high], abs=0.05 * high)
         for angle in (poses[:, 2], np.arctan2(poses[:, 1], poses[:, 0])):
             assert abs(np.exp(1j * angle).mean()) < 0.05
-    assert -3.0 <= docking[:, 0].min() < docking[:, 0].max() <= -0.5
-    assert np.abs(docking[:, 1]).max() == pytest.approx(0.3, abs=0.01)
-    assert not np.array_equal(starts_named("training", 9, 3), starts_named("far", 9, 3))
-    assert not np.array_equal(starts_named("far", 9, 3), starts_named("far", 9, 4))
+    kinds = [starts_named(kind, 9, seed) for kind, seed in (("far", 3), ("far", 4), ("training", 3))]
+    assert len({one.tobytes() for one in kinds}) == 3
+    np.testing.assert_array_equal(starts_named("arena", 20, 3)[17:], arena_starts()[:3])
 
 
-def test_every_law_has_the_data_sheet_of_its_case_and_the_plant_is_as_it_says():
-    for case in CASES:
-        sheet, actuators = case.sheet, world_of(case)[0].actuators
-        latency = 0.2 if case.name == "dead_time_02_unknown" else sheet.get("command_latency", 0.0)
-        assert (actuators.command_delay, actuators.drive_time_constant) == (
-            latency,
-            sheet.get("drive_time_constant", 0.0),
-        )
-        a_max = sheet.get("linear.x.max_acceleration", math.inf)
-        omega_dot_max = sheet.get("angular.z.max_acceleration", math.inf)
-        assert (actuators.acceleration_max, actuators.angular_acceleration_max) == (a_max, omega_dot_max)
-        entries = [one for one in ENTRIES if takes_part(one, case)]
-        for entry in entries:
-            known = config_of(entry, case, {}).data_sheet
-            assert (known.v_max, known.omega_max) == (1.3, 1.5 if case.name.endswith("mix") else 2.6), entry.name
-            assert known.wheel_max * known.wheels.wheel_radius == pytest.approx(1.3)
-            assert (known.command_latency, known.a_max) == (sheet.get("command_latency", 0.0), a_max)
-            assert known.drive_time_constant == sheet.get("drive_time_constant", 0.0)
-        if case.table == OWN:
-            assert [one.name for one in entries] == [OWN_NAME]
-    # A bound is fed with the true pose.
+@pytest.mark.parametrize("name", ["dead_time_02_unknown", "dead_time_03", "lag_030", "acceleration", "mix"])
+def test_every_law_has_the_data_sheet_of_its_case_and_the_plant_is_as_it_says(name):
+    (case,) = cases_named((name,))
+    sheet, actuators = case.sheet, world_of(case)[0].actuators
+    latency = 0.2 if name == "dead_time_02_unknown" else sheet.get("command_latency", 0.0)
+    lag, a_max = sheet.get("drive_time_constant", 0.0), sheet.get("linear.x.max_acceleration", math.inf)
+    assert (actuators.command_delay, actuators.drive_time_constant, actuators.acceleration_max) == (latency, lag, a_max)
+    assert actuators.angular_acceleration_max == sheet.get("angular.z.max_acceleration", math.inf)
+    for entry in (one for one in ENTRIES if takes_part(one, case)):
+        known = config_of(entry, case, {}).data_sheet
+        assert (known.v_max, known.omega_max) == (1.3, 1.5 if name == "mix" else 2.6), entry.name
+        assert known.wheel_max * known.wheels.wheel_radius == pytest.approx(1.3)
+        assert (known.command_latency, known.a_max) == (sheet.get("command_latency", 0.0), a_max)
+        assert known.drive_time_constant == lag
+
+
+def test_cases_of_the_switching_law_alone_have_no_peers_and_a_bound_receives_the_true_pose():
+    (alone,) = cases_named(("short_mix",))
+    assert [one.name for one in ENTRIES if takes_part(one, alone)] == [OWN_NAME]
     assert case_of(BY_NAME["truth"], NOMINAL, {}).feedback != case_of(BY_NAME[PEER], NOMINAL, {}).feedback
-
-
-def test_effects_are_those_of_runs_with_that_value(monkeypatch):
-    monkeypatch.setattr(law_effects, "PARAMETERS", ("react",))
-    monkeypatch.setattr(law_effects, "CASES", ("nominal",))
-    results = law_effects.run_effects(1, 7)
-    medians = [row["settling_time"]["median"] for row in results["rows"]]
-    for values, median in zip(({}, {"react": 0.25}, {"react": 1.0}), medians, strict=True):
-        settling = run_case(BY_NAME[OWN_NAME], NOMINAL._replace(own=values), {}, 17, 7)
-        assert median == pytest.approx(np.median(settling[:, COLUMNS.index("settling_time")]), abs=1e-9)
-    assert len(set(medians)) == 3
-    _, _, first, second, _ = law_effects.law_table(results)
-    assert first.startswith(f"| as it is |  | 100.0 | {medians[0]:.1f} |")
-    assert second.startswith(f"| `react` | 0.25 | 100.0 | {medians[1]:.1f} |")
 
 
 def test_the_command_passes_its_flags_on_and_writes_results_and_figure(
@@ -109,15 +88,15 @@ def test_the_command_passes_its_flags_on_and_writes_results_and_figure(
     asked = []
     monkeypatch.setattr(benchmark, "run_benchmark", lambda options: asked.append(options) or benchmarked)
     out = tmp_path / "deep" / "folder"
-    flags = ["--runs", "3", "--seed", "9", "--no-figures", "--law", "polar", "--law", "a.b:C"]
+    flags = ["--runs", "3", "--seed", "9", "--no-figures", "--law", "graceful", "--law", "a.b:C"]
     flags += ["--case", "mix", "--tuning", "file.json", "--own-runs", "5", "--out", str(out)]
     assert cli.main(["benchmark", "switching", *flags]) == 0
-    assert asked == [ArenaOptions(3, 9, ("polar", "a.b:C"), ("mix",), Path("file.json"), 5)]
+    assert asked == [ArenaOptions(3, 9, ("graceful", "a.b:C"), ("mix",), Path("file.json"), 5)]
     assert [path.name for path in out.iterdir()] == ["results.json"]
-    assert cli.main(["benchmark", "--runs", "1", "--law", PEER, "--out", str(out)]) == 0
+    assert cli.main(["benchmark", "switching", "--out", str(out)]) == 0
     assert json.loads((out / "results.json").read_text()) == benchmarked[0]
     assert sorted(path.name for path in out.iterdir()) == ["benchmark.png", "results.json"]
-    assert "Targets:" in capsys.readouterr().out
+    assert "nominal: bounded speeds, nothing added" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -135,7 +114,26 @@ def test_bad_values_end_in_one_line_before_the_runs(
     arguments, text, tmp_path, monkeypatch, capsys, kept_signal_handlers
 ):
     monkeypatch.setattr(benchmark, "run_case", lambda *_: pytest.fail("ran"))
-    assert cli.main(["benchmark", "--out", str(tmp_path), *arguments]) == 1
+    assert cli.main(["benchmark", "switching", "--out", str(tmp_path), *arguments]) == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert text in line
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error"),
+    [
+        ([], "the following arguments are required: PART"),
+        (["animate"], "invalid choice: 'animate'"),
+        (["localization", "--law", "graceful"], "unrecognized arguments: --law graceful"),
+        (["localization", "--case", "mix"], "unrecognized arguments: --case mix"),
+        (["docking", "--tuning", "tuning.json"], "unrecognized arguments: --tuning tuning.json"),
+        (["tune", "--seed", "3"], "unrecognized arguments: --seed 3"),
+        (["switching", "--budget", "24"], "unrecognized arguments: --budget 24"),
+    ],
+)
+def test_each_part_takes_its_own_options_only(arguments, error, capsys):
+    with pytest.raises(SystemExit) as caught:
+        cli.main(["benchmark", *arguments])
+    assert caught.value.code == 2
+    assert error in capsys.readouterr().err

@@ -71,12 +71,12 @@ def test_the_cost_by_hand():
 
 def test_tuned_values_are_read_and_checked(tmp_path):
     path = tmp_path / "tuning.json"
-    path.write_text(json.dumps({"laws": {"polar": {"values": {"k_rho": 2.0}}}}))
-    (polar,) = (one for one in ENTRIES if one.name == "polar")
-    assert tuned_values(read_tuning(path), polar) == {"k_rho": 2.0}
+    path.write_text(json.dumps({"laws": {"graceful": {"values": {"k_phi": 2.0}}}}))
+    (graceful,) = (one for one in ENTRIES if one.name == "graceful")
+    assert tuned_values(read_tuning(path), graceful) == {"k_phi": 2.0}
     assert tuned_values(read_tuning(path), ENTRIES[0]) == {}
-    with pytest.raises(InvalidValueError, match="tuning of polar = 'gain'"):
-        tuned_values({"laws": {"polar": {"values": {"gain": 2.0}}}}, polar)
+    with pytest.raises(InvalidValueError, match="tuning of graceful = 'gain'"):
+        tuned_values({"laws": {"graceful": {"values": {"gain": 2.0}}}}, graceful)
     for text in ("{", "[]", "{}"):
         path.write_text(text)
         with pytest.raises(DiffbotError, match=r"tuning\.json is no"):

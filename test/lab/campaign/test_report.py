@@ -44,37 +44,31 @@ def test_all_files_say_the_same(tmp_path):
     for cell, one in zip(cells, statistics, strict=True):
         assert {name: value for name, value in cell.items() if name not in GRID} == one.summary()
 
-    rows = parquet.read_table(tmp_path / "results.parquet").to_pylist()
-    assert rows == cells
+    assert parquet.read_table(tmp_path / "results.parquet").to_pylist() == cells
     with (tmp_path / "results.csv").open(newline="") as file:
         lines = list(csv.DictReader(file))
-    assert len(lines) == len(cells)
     for line, cell in zip(lines, cells, strict=True):
         assert list(line) == list(cell)
         for key, value in cell.items():
-            if isinstance(value, (bool, str)) or value is None:
-                assert line[key] == ("" if value is None else str(value))
-            else:
-                assert float(line[key]) == value
+            assert line[key] == "" if value is None else float(line[key]) == value
 
 
-@pytest.mark.parametrize(("grid", "place"), [({"k": [1.0, 4.0], "eps_P": [0.05, 0.2, 0.5]}, 1), ({"k": [1.0, 4.0]}, 0)])
-def test_the_heat_map_shows_each_cell_in_its_place(grid, place, tmp_path, monkeypatch):
+@pytest.mark.parametrize("grid", [GRID, {"k": [1.0, 4.0]}])
+def test_the_heat_map_shows_each_cell_in_its_place(grid, tmp_path, monkeypatch):
     shown = []
     monkeypatch.setattr("diffbot_lab.campaign.report._draw_heat_map", lambda *arguments: shown.append(arguments))
     campaign, statistics = make(grid)
     write_report(campaign, statistics, tmp_path)
     for metric, (values, across, down, *_) in zip(("success_rate", "settling_time_q50"), shown, strict=True):
         assert across == ("k", [1.0, 4.0])
-        assert down == (("eps_P", [0.05, 0.2, 0.5]) if place else (None, [""]))
-        found = [values[row, column] for column in range(values.shape[1]) for row in range(values.shape[0])]
+        assert down == (("eps_P", GRID["eps_P"]) if "eps_P" in grid else (None, [""]))
         expected = [one.summary()[metric] for one in statistics]
-        assert found == [pytest.approx(np.nan if one is None else one, nan_ok=True) for one in expected]
+        assert values.T.ravel() == pytest.approx([np.nan if one is None else one for one in expected], nan_ok=True)
 
 
 def test_a_long_grid_in_which_nobody_settles_is_drawn(tmp_path):
     # A lone step: all settling times are missing, in all cells.
-    grid = {"k": [1.0, 2.0], "h": [0.1 + 0.01 * number for number in range(100)]}
+    grid = {"k": [1.0, 2.0], "h": [0.1 + 0.01 * number for number in range(31)]}
     campaign, statistics = make(grid, runs=1, duration=0.1, start={"list": [[1e6, -1e6, 0.0]]})
     for path in write_report(campaign, statistics, tmp_path):
         if path.suffix == ".png":
@@ -83,4 +77,4 @@ def test_a_long_grid_in_which_nobody_settles_is_drawn(tmp_path):
     assert {(cell["success_rate"], cell["settling_time_q50"]) for cell in cells} == {(0.0, None)}
     heading, *_, last = table(campaign, statistics).splitlines()
     assert heading == "law switching, preset paper; feedback truth; 0.1 s; seed 1; not the default: nothing"
-    assert last == "... and 160 more cells in results.csv"
+    assert last == "... and 22 more cells in results.csv"

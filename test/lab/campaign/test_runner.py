@@ -23,7 +23,6 @@ from diffbot_sim.compiled.batch import run_batch
 from diffbot_sim.compiled.jit import PACKAGES
 from diffbot_tools import cli
 
-DECISIVE = (*PACKAGES, "diffbot_tools", "diffbot_lab")
 SMALL = {
     "runs": 60,
     "duration": 12.0,
@@ -115,43 +114,24 @@ def assert_refused(folder, capsys, text):
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
 
 
-@pytest.mark.parametrize(
-    "content", [b"hello", b"[1]\n", bytes(range(256)), b'{"format":2,"iden', sealed({"format": 999})]
-)
+@pytest.mark.parametrize("content", [b"hello", bytes(range(256)), b'{"format":2,"iden', sealed({"format": 999})])
 def test_what_is_no_journal_is_not_touched(content, tmp_path, capsys):
     (tmp_path / JOURNAL).write_bytes(content)
     assert_refused(tmp_path, capsys, "is no journal of a campaign (format 2): not touched")
 
 
-@pytest.mark.parametrize(
-    ("key", "message"),
-    [
+def test_another_campaigns_journal_is_not_touched(tmp_path, capsys):
+    path = tmp_path / JOURNAL
+    Journal(path, make_campaign(SMALL)).close()
+    header = parsed(path.read_bytes())
+    for key, message in (
         ("identity", "belongs to another campaign"),
         ("sources", "another version of the code"),
         ("cases", "other values of its parameters"),
-    ],
-)
-def test_another_campaigns_journal_is_not_touched(key, message, tmp_path, capsys):
-    Journal(tmp_path / JOURNAL, make_campaign(SMALL)).close()
-    path = tmp_path / JOURNAL
-    header = parsed(path.read_bytes())
-    for changed in ({**header, key: "0" * 16}, {name: value for name, value in header.items() if name != key}):
-        path.write_bytes(sealed(changed))
-        assert_refused(tmp_path, capsys, message)
-
-
-CAMPAIGN = """
-import sys
-from pathlib import Path
-from diffbot_core.errors import DiffbotError
-from diffbot_lab.campaign import command
-from diffbot_lab.campaign.runner import Journal
-from diffbot_lab.campaign.spec import make_campaign
-try:
-    Journal(Path(sys.argv[1]), make_campaign({"runs": 5, "feedback": "ekf", "set": {"preset": "paper_covariance"}}))
-except DiffbotError as error:
-    print(error)
-"""
+    ):
+        for changed in ({**header, key: "0" * 16}, {name: value for name, value in header.items() if name != key}):
+            path.write_bytes(sealed(changed))
+            assert_refused(tmp_path, capsys, message)
 
 
 def test_results_of_another_campaign_are_not_overwritten(tmp_path, capsys):
@@ -161,12 +141,11 @@ def test_results_of_another_campaign_are_not_overwritten(tmp_path, capsys):
 
 
 def test_two_at_a_time_do_not_share_a_journal(tmp_path):
-    campaign = make_campaign(SMALL)
-    journal = Journal(tmp_path / JOURNAL, campaign)
+    journal = Journal(tmp_path / JOURNAL, make_campaign(SMALL))
     with pytest.raises(DiffbotError, match="is in use by another process"):
-        Journal(tmp_path / JOURNAL, campaign)
+        Journal(tmp_path / JOURNAL, make_campaign(SMALL))
     journal.close()
-    Journal(tmp_path / JOURNAL, campaign).close()
+    Journal(tmp_path / JOURNAL, make_campaign(SMALL)).close()
 
 
 def test_a_full_disk_is_one_line_and_costs_what_did_not_fit(tmp_path, expected):
@@ -186,8 +165,7 @@ def test_a_full_disk_is_one_line_and_costs_what_did_not_fit(tmp_path, expected):
 
 
 def test_chunks_are_sized_by_their_steps():
-    campaign = make_campaign({"runs": 10**7, "duration": 0.1})
-    chunks = list(open_chunks(campaign, [{}]))
+    chunks = list(open_chunks(make_campaign({"runs": 10**7, "duration": 0.1}), [{}]))
     assert sum(chunk.number for chunk in chunks) == 10**7
     assert max(chunk.number for chunk in chunks) < 10**6  # rows of a chunk are all in memory
     long = make_campaign({"runs": 3, "duration": 1e5, "set": {"sampling_time": 0.01}})
@@ -232,22 +210,18 @@ class Failing(Executor):
         return future
 
 
-@pytest.mark.parametrize("error", [RuntimeError("lost\nworker"), MemoryError()])
-def test_a_failing_worker_is_one_line(error, tmp_path):
-    with pytest.raises(DiffbotError) as caught:
-        do(tmp_path, SMALL, lambda: Failing(error))
-    assert "\n" not in str(caught.value)
-    assert type(error).__name__ in str(caught.value)
+def test_a_failing_worker_is_one_line(tmp_path):
+    with pytest.raises(DiffbotError, match=r"a worker failed: RuntimeError lost worker; finished chunks are kept$"):
+        do(tmp_path, SMALL, lambda: Failing(RuntimeError("lost\nworker")))
 
 
 def test_an_unreachable_scheduler_is_one_line(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(module, "_CONNECT_TIMEOUT", 0.5)
-    for address in ("tcp://127.0.0.1:1", "nonsense://here"):
-        assert cli.main(["campaign", *flags(SMALL, tmp_path / "out"), "--scheduler", address]) == 1
-        error = capsys.readouterr().err
-        assert error.startswith("diffbot: no scheduler at ")
-        assert error.count("\n") == 1
-        assert not (tmp_path / "out").exists()
+    assert cli.main(["campaign", *flags(SMALL, tmp_path / "out"), "--scheduler", "tcp://127.0.0.1:1"]) == 1
+    error = capsys.readouterr().err
+    assert error.startswith("diffbot: no scheduler at tcp://127.0.0.1:1: ")
+    assert error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
 
 
 def damaged_lines(lines):
@@ -266,11 +240,14 @@ def damaged_lines(lines):
         yield sealed({**entry, "first": value})
 
 
-def test_all_files_that_a_campaign_reads_name_the_version(tmp_path):
-    read = files_read_by(f"import sys; sys.argv[1:] = [{str(tmp_path / JOURNAL)!r}]\n{CAMPAIGN}")
+def test_all_files_that_a_campaign_reads_name_the_version():
+    read = files_read_by(
+        "from diffbot_lab.campaign import command\nfrom diffbot_lab.campaign.spec import make_campaign\n"
+        "make_campaign({'runs': 5, 'set': {'preset': 'paper_covariance'}})"
+    )
     names = set(map(str, read))
     assert {"diffbot_control/filter/options.py", "diffbot_lab/cases.py", "diffbot_sim/model/plant.py"} < names
-    assert {path.parts[0] for path in read} == set(DECISIVE)
+    assert {path.parts[0] for path in read} == {*PACKAGES, "diffbot_tools", "diffbot_lab"}
 
 
 class Killer(Journal):

@@ -62,18 +62,10 @@ def test_identity_and_resolved_values_name_all_that_decides():
         assert make_campaign(same).identity == found.identity
     # What a value stands for counts, whatever the words.
     assert make_campaign({**base, "set": {**paper, "k_2": 2.7}}).resolved == found.resolved
-    others = [
-        {"runs": 6},
-        {"seed": 2},
-        {"duration": 61.0},
-        {"feedback": "raw"},
-        {"goal": [0.0, 0.0, 1e-300]},
-        {"set": {**paper, "preset": "paper_covariance"}},
-        {"set": {**paper, "gate_probability": 0.98}},
-        {"set": {**paper, "h": 0.20000000000000004}},
-        {"grid": {"k": [1.5]}},
-        {"start": {"circle": {"radius": 2.5}}},
-    ]
+    others = [{"runs": 6}, {"seed": 2}, {"duration": 61.0}, {"feedback": "raw"}, {"goal": [0.0, 0.0, 1e-300]}]
+    others += [{"set": {**paper, "preset": "paper_covariance"}}, {"set": {**paper, "gate_probability": 0.98}}]
+    others += [{"set": {**paper, "h": 0.20000000000000004}}, {"grid": {"k": [1.5]}}]
+    others += [{"start": {"circle": {"radius": 2.5}}}]
     campaigns = [found, *(make_campaign({**base, **other}) for other in others)]
     assert len({one.identity for one in campaigns}) == len({one.resolved for one in campaigns}) == len(campaigns)
 
@@ -88,24 +80,24 @@ REFUSED = {
     "the same value twice": ("grid: {k: [1, 2, 1.0]}", "grid.k = [1, 2, 1.0]"),
     "too many cells": (f"grid: {{k: {list(range(1, 102))}, h: {list(range(1, 102))}}}", "10201 cells"),
     "nan in grid": ("grid: {k: [1.0, .nan]}", "k = nan"),
-    "short goal": ("goal: [0, 1]", "goal = (0.0, 1.0)"),
-    "feedback that is no text": ("feedback: [ekf]", "feedback = ['ekf']"),
     "delay": ("set: {fix_delay: 1.2}", "fix_delay = 1.2"),
     "two starts": ("start: {list: [[0, 0, 0]], box: {}}", "start = {"),
     "start beyond all floats": (f"start: {{list: [[0, 0, 1{'0' * 400}]]}}", "a number of too many digits"),
-    "unknown side of a box": ("start: {box: {z: [0, 1]}}", "start.box key = 'z'"),
     "box turned round": ("start: {box: {x: [1, 0]}}", "start.box.x = [1, 0]"),
     "circle without radius": ("start: {circle: {points: 3}}", "start.circle.radius = None"),
     "circle of nan headings": ("start: {circle: {radius: 1, headings: [.nan]}}", "start.circle.headings = [nan]"),
-    "no mapping": ("- 1\n- 2", "must be a mapping of keys, found list"),
-    "a mapping as a key": ("{{a: 1}: 2}", "is not a YAML file"),
     "a number of 4000 bits": (f"runs: 0x{'f' * 1000}", "too many digits"),
-    "a key twice": ("runs: 5\nruns: 6", "'runs'"),
     "of another profile": ("set: {h: 0.2}", "set.h = 0.2: must be left out, it acts only with speed_profile: tanh"),
-    "without effect in a grid": ("grid: {eps_P: [0.2, 0.3]}", "grid.eps_P"),
-    "bias of no gyro": ("set: {gyro_bias: 0.1}", "gyro_rate > 0"),
-    "fixes for the true pose": ("feedback: truth\nset: {fix_rate: 1.0}", "feedback: ekf or raw"),
+    "of another profile in the grid": (
+        "set: {preset: paper}\ngrid: {react: [0.2]}",
+        "acts only with speed_profile: braking",
+    ),
+    "of another region": ("grid: {eps_P: [0.1]}", "acts only with region_policy: fixed"),
+    "of derived gains": ("set: {gains: auto, react: 0.2}", "acts only with gains: preset"),
+    "of no filter": ("feedback: raw\nset: {gate_probability: 0.9}", "acts only with feedback: ekf"),
+    "no mapping": ("- 1\n- 2", "must be a mapping of keys, found list"),
     "misspelt": ("set: {wheel_radiu: 0.1}", "did you mean wheel_radius"),
+    "fixes for the true pose": ("feedback: truth\nset: {fix_rate: 1.0}", "feedback: ekf or raw"),
 }
 
 
@@ -130,7 +122,6 @@ def test_refused_in_one_line(name, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("flags", "status", "part"),
     [
-        (["--duration", "nan"], 1, "duration = nan"),
         (["--grid", "k"], 2, "NAME=VALUE"),
         (["--set", "k=" + "[" * 5000], 2, "--set"),
         (["--set", "k=1", "k=2"], 1, "--set k = 2: must be given once"),
@@ -139,29 +130,25 @@ def test_refused_in_one_line(name, tmp_path, capsys):
     ],
 )
 def test_flags_refused_in_one_line(flags, status, part, tmp_path, capsys):
-    out = tmp_path / "out"
     try:
-        found = cli.main(["campaign", "--out", str(out), *flags])
+        found = cli.main(["campaign", "--out", str(tmp_path / "out"), *flags])
     except SystemExit as end:
         found = end.code
     assert found == status
-    error = capsys.readouterr().err
-    assert_one_line(error.strip().splitlines()[-1], part)
-    assert "Traceback" not in error
-    assert not out.exists()
+    assert_one_line(capsys.readouterr().err.strip().splitlines()[-1], part)
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_campaign_runs_any_law():
-    campaign = make_campaign(
-        {"law": "polar", "set": {"k_rho": 2.0, "wheel_radius": 0.07}, "grid": {"k_alpha": [5.0, 6.0]}}
-    )
-    assert [cell.case.plant.wheels.wheel_radius for cell in campaign.cells] == [0.07, 0.07]
+    given = {"set": {"k_phi": 2.0, "wheel_radius": 0.07}, "grid": {"k_delta": [1.5, 2.0]}}
+    campaign = make_campaign({"law": "graceful", **given})
     configs = [cell.case.controller for cell in campaign.cells]
-    assert [(one.k_rho, one.k_alpha) for one in configs] == [(2.0, 5.0), (2.0, 6.0)]
+    assert [(one.k_phi, one.k_delta) for one in configs] == [(2.0, 1.5), (2.0, 2.0)]
     assert {one.data_sheet.wheels.wheel_radius for one in configs} == {0.07}
-    assert {cell.law.split()[0] for cell in campaign.cells} == {"polar"}
-    same = make_campaign({"law": "diffbot_lab.laws.polar:Polar", "set": {"k_rho": 2.0, "wheel_radius": 0.07}})
-    assert same.resolved != campaign.resolved
+    assert {cell.case.plant.wheels.wheel_radius for cell in campaign.cells} == {0.07}
+    by_path = make_campaign({"law": "diffbot_lab.laws.graceful:Graceful", **given})
+    assert by_path.cells[0].case == campaign.cells[0].case
+    assert by_path.resolved != campaign.resolved
 
 
 def test_a_parameter_that_acts_in_one_cell_is_no_error_and_the_law_is_the_nodes():

@@ -14,7 +14,6 @@ from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import CERTAIN, Estimate
 from diffbot_lab.laws.graceful import graceful_curvature
-from diffbot_lab.laws.polar import Polar, PolarConfig, polar_law
 from diffbot_sim.compiled.jit import compile_kernel, make_law_callable
 
 ORIGIN = Pose(0.0, 0.0, 0.0)
@@ -95,17 +94,6 @@ def test_the_curvature_of_park_and_kuipers():
     assert graceful_curvature(2.0, phi, delta, k_phi, 3.0) == pytest.approx(expected)
     assert graceful_curvature(2.0, phi, delta, k_phi, 9.0) == pytest.approx(expected)
     assert graceful_curvature(2.0, 0.0, 0.2, 0.0, 3.0) == pytest.approx(-(0.6 + math.sin(0.2)) / 2.0)
-
-
-def test_the_polar_law_near_the_goal_has_the_poles_of_its_linear_system():
-    """rho' = -k_rho rho; the poles of alpha and beta are those of the matrix in Siegwart and Nourbakhsh, Eq. (3.60)."""
-    config = PolarConfig(3.0, 8.0, -1.5)
-    twist = polar_law(2.0, 0.1, -0.2, config)
-    assert twist == pytest.approx((6.0, 8.0 * 0.1 + 1.5 * 0.2))
-    pose, _, _ = drive(
-        Polar, config._replace(stop=config.stop._replace(stop_distance=0.0)), Pose(-0.2, 0, 0), 1.0, 1e-3
-    )
-    assert math.hypot(pose.x, pose.y) == pytest.approx(0.2 * math.exp(-3.0), rel=0.02)
 
 
 def numbers_of(value):

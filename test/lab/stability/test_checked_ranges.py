@@ -47,27 +47,21 @@ def steering(low, high):
 
 
 # name: bounds, exact value, extremes inside, (low, high) of each side, how far a bound may be off
-TRIG = {
+CASES = {
     "cosine": (commands.cosine_range, arb.cos, [0.0], [(-PI, PI)], 1e-9),
     "sinc": (commands.sinc_range, sinc, [0.0, LOWEST_SINC, -LOWEST_SINC], [(-7.0, 7.0)], 1e-9),
-}
-PRODUCTS = {
     "product": (lambda a, b, c, d: commands.product((a, b), (c, d)), lambda x, y: x * y, [], [(-20.0, 20.0)] * 2, 1e-9),
-}
-LAW = {
     "fastest approach": (lambda a, b: commands.approach_range(LOOP, a, b), speed, [], [(1e-3, 20.0)], math.inf),
     "slowest approach": (lambda a, b: commands.approach_range(LOOP, a, b), slow_speed, [], [(1e-3, 20.0)], math.inf),
     "approach per distance": (
-        *(lambda a, b: commands.per_distance_range(LOOP, a, b), lambda d: slow_speed(d) / d, []),
-        *([(1e-2, 20.0)], math.inf),
+        lambda a, b: commands.per_distance_range(LOOP, a, b), lambda d: slow_speed(d) / d, [], [(1e-2, 20.0)], math.inf,
     ),
     "steering": (steering, turn, [], [(-PI, PI)], 1e-9),
     "bearing": (
-        *(lambda a, b: (bearing_error(LOOP, b) - 1e-9, bearing_error(LOOP, a)), lambda r: (LOOP.eps_rho / r).asin()),
-        *([], [(0.07, 20.0)], 1e-8),
+        lambda a, b: (bearing_error(LOOP, b) - 1e-9, bearing_error(LOOP, a)), lambda r: (LOOP.eps_rho / r).asin(), [],
+        [(0.07, 20.0)], 1e-8,
     ),
-}
-CASES = TRIG | PRODUCTS | LAW
+}  # fmt: skip
 
 
 def random_boxes(rng, ranges):

@@ -1,13 +1,12 @@
-"""``diffbot bag trim``, ``filter``, ``merge`` and ``split``: usage, one line for each error, nothing half-written."""
+"""``diffbot bag trim``, ``filter`` and ``merge``: usage, one line for each error, nothing half-written."""
 
 import cut_bags
 import pytest
-from cut_bags import BEGIN, STEP, check_metadata, facts, files_of
+from cut_bags import BEGIN, STEP, check_metadata, facts
 
 from diffbot_bag.tools.span import Span
 from diffbot_bag.tools.time_text import parse_duration, parse_time, span_of
 from diffbot_tools import cli
-from diffbot_tools.bag.split_command import parse_size
 
 pytestmark = pytest.mark.usefixtures("kept_signal_handlers")
 S = 10**9
@@ -40,20 +39,13 @@ def test_trim(bag, tmp_path, capsys, flags, start, end):
     assert capsys.readouterr().out == f"{tmp_path / 'part'}: {len(expected)} messages of 3 topics, {seconds:.3f} s\n"
 
 
-def test_filter_merge_and_split_are_each_others_inverse(bag, tmp_path, capsys):
+def test_a_merge_of_what_a_filter_took_apart_is_the_bag(bag, tmp_path):
     assert run("filter", bag, tmp_path / "points", "--topics", "/point") == 0
     assert run("filter", bag, tmp_path / "others", "--exclude", "/point") == 0
     assert run("filter", bag, tmp_path / "texts", "--exclude-regex", "/(point|map)", "--types", cut_bags.STRING) == 0
     assert {one.topic for one in facts(tmp_path / "texts")} == {"/text"}
     assert run("merge", tmp_path / "points", tmp_path / "others", tmp_path / "all") == 0
     assert check_metadata(tmp_path / "all") == facts(bag)
-    capsys.readouterr()
-    assert run("split", tmp_path / "all", tmp_path / "parts", "--duration", "0.5s", "--count", "90") == 0
-    assert capsys.readouterr().out.endswith("messages of 3 topics, 1.990 s in 5 files\n")
-    assert len(files_of(tmp_path / "parts")) == 5
-    check_metadata(tmp_path / "parts")
-    assert run("split", tmp_path / "all", tmp_path / "small", "--size", "20k") == 0
-    assert max(file.stat().st_size for file in files_of(tmp_path / "small")) <= 20_000
 
 
 def test_a_span_outside_of_the_bag_is_one_line(bag, tmp_path, capsys):
@@ -69,11 +61,9 @@ def test_a_span_outside_of_the_bag_is_one_line(bag, tmp_path, capsys):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_times_durations_and_sizes_are_exact():
+def test_times_and_durations_are_exact():
     durations = {"10s": 10 * S, "1.5min": 90 * S, "2h": 7200 * S, "250 ms": S // 4, "0.000000001": 1, "7ns": 7}
     assert {text: parse_duration(text) for text in durations} == durations
-    sizes = {"500M": 5 * 10**8, "1.5GiB": 3 * 2**29, "4096": 4096, "2kB": 2000}
-    assert {text: parse_size(text) for text in sizes} == sizes
     assert parse_time("1700000000.123456789").in_span(Span(5, 9)) == 1_700_000_000_123_456_789
     assert span_of(Span(100, 200), parse_time("30ns"), parse_time("end-30ns")) == (130, 170)
     assert span_of(Span(100, 200), parse_time("end-500ns"), parse_time("500ns")) == (100, 200)

@@ -2,9 +2,10 @@
 
 import json
 
+import bag_makers
 import damaged_bags
-import foreign_bags
 import pytest
+import view_bags
 
 from diffbot_bag.bag.reader import BagReader
 from diffbot_tools import cli
@@ -17,12 +18,12 @@ def environment(kept_signal_handlers, monkeypatch):
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory):
-    begin = foreign_bags.BEGIN
+    begin = bag_makers.BEGIN
     rows = [
-        ("/odom", begin + number * 10**8, number + 1, foreign_bags.odometry(begin, 1, 2, 3)) for number in (0, 1, 2, 4)
+        ("/odom", begin + number * 10**8, number + 1, view_bags.odometry(begin, 1, 2, 3)) for number in (0, 1, 2, 4)
     ]
-    rows.insert(1, ("/add/_service_event", begin + 1, 0, foreign_bags.command(0.0, 0.0)))
-    return foreign_bags.write_folder(tmp_path_factory.mktemp("bags") / "run", rows)
+    rows.insert(1, ("/add/_service_event", begin + 1, 0, view_bags.command(0.0, 0.0)))
+    return bag_makers.write_folder(tmp_path_factory.mktemp("bags") / "run", rows)
 
 
 def test_the_lines_are_those_of_ros2_bag_info(bag, capsys):
@@ -53,7 +54,7 @@ def test_json_has_the_same_figures_and_quick_only_the_counts(bag, capsys):
     info, odom = found()
     assert (info["messages"], info["duration"], odom["lost"], odom["rate"]) == (5, 0.4, 1, 7.5)
     assert odom["latency"] == {"smallest": 0.0, "median": 0.1, "p99": 0.4}
-    assert odom["gap_begin"] == foreign_bags.BEGIN + 2 * 10**8
+    assert odom["gap_begin"] == bag_makers.BEGIN + 2 * 10**8
     _, quick = found("--quick")
     assert quick["messages"] == 4
     assert {quick[name] for name in ("rate", "gap", "latency", "bytes", "unstamped")} == {None}
@@ -94,15 +95,10 @@ def test_what_is_lost_is_printed(tmp_path, capsys, whole):
     assert (status, error.count("\n")) == (1, 1)
 
 
-def test_a_file_without_its_end_loses_nothing_of_what_was_written(tmp_path, capsys, whole):
+def test_a_file_without_its_end_loses_nothing_in_place(tmp_path, capsys, whole):
     source = tmp_path / "run.mcap"
     source.write_bytes(whole.content[:-3000])
     status, lines, _ = run(capsys, source, "--in-place")
-    assert status == 0
-    assert lines[0].startswith(f"{source}: 900 messages")
-    assert lines[1:] == [
-        "run.mcap: had no valid index, since it was cut off, not finished or damaged at its end",
-        "nothing that was written is lost",
-    ]
+    assert (status, lines[-1]) == (0, "nothing that was written is lost")
     with BagReader(source) as reader:
-        assert reader.message_count == 900
+        assert (reader.message_count, reader.warning) == (900, "")

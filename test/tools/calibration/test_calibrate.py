@@ -10,6 +10,7 @@ import math
 import numpy as np
 import pytest
 import yaml
+from calibration_drives import SECOND, Errors, Sensors, record
 from scipy import stats
 
 from diffbot_bag.bag.encoding import ODOMETRY, POSE, Encoder, NumbersMessage
@@ -35,7 +36,6 @@ from diffbot_tools.calibration.events import Collector, Odometry, averaged, with
 from diffbot_tools.calibration.latency import latency_of
 from diffbot_tools.calibration.likelihood import Prior, run_events, settings_of
 from diffbot_tools.calibration.quantities import given_prior
-from diffbot_tools.calibration.simulation import SECOND, Errors, Sensors, record
 from diffbot_tools.refilter.filter_run import RecordingLocalization
 from diffbot_tools.refilter.parameters import read_config
 

@@ -2,7 +2,7 @@
 
 import math
 
-import foreign_bags
+import bag_makers
 import numpy as np
 import pytest
 import view_bags
@@ -35,7 +35,7 @@ def read(tmp_path):
     """Return a function that reads the run of a bag with these messages."""
 
     def read_messages(*rows, namespace="", **options):
-        folder = foreign_bags.write_folder(tmp_path / "made_up", sorted(rows, key=lambda row: row[1]), **options)
+        folder = bag_makers.write_folder(tmp_path / "made_up", sorted(rows, key=lambda row: row[1]), **options)
         return read_run(folder, namespace)
 
     return read_messages

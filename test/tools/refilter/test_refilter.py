@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import rclpy
 import yaml
-from dataset_files import OMEGA, write_mrclam
+from dataset_files import OMEGA, import_mrclam, write_mrclam
 from graph import free_domain
 from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message
@@ -20,7 +20,6 @@ from diffbot_bag.ros.conversions import message_class
 from diffbot_control.ekf_node import EkfNode
 from diffbot_core.errors import BadMessageError, DiffbotError
 from diffbot_tools import cli
-from diffbot_tools.dataset.command import import_mrclam
 from diffbot_tools.refilter.command import run
 from diffbot_tools.refilter.parameters import read_config
 from diffbot_tools.robot.description import RobotDescription, file_of_robot
@@ -35,9 +34,7 @@ HANDLERS = {
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory):
     folder = tmp_path_factory.mktemp("data")
-    out = folder / "bag"
-    import_mrclam(write_mrclam(folder / "set"), 1, out)
-    return out
+    return import_mrclam(write_mrclam(folder / "set"), 1, folder / "bag")
 
 
 @pytest.fixture(scope="module")

@@ -95,7 +95,7 @@ def drawn(page, time, colour):
 
 
 @pytest.mark.graph
-def test_the_page_draws_the_path_while_it_holds(page):
+def test_the_page_draws_the_path_while_it_holds_and_the_landmarks_in_view_and_the_near_region(page):
     left, top = page.get("diffbotPage.view.toWorld(0, 0)")
     right, bottom = page.get("diffbotPage.view.toWorld(diffbotPage.view.width, diffbotPage.view.height)")
     assert all(left < x < right and bottom < y < top for x, y in (TREE, POST, *CORNERS))
@@ -104,10 +104,6 @@ def test_the_page_draws_the_path_while_it_holds(page):
     assert page.get("diffbotPage.robot.planAt(4.1)") == []
     assert drawn(page, 3.9, PLAN) > 110
     assert drawn(page, 4.1, PLAN) < 20
-
-
-@pytest.mark.graph
-def test_the_page_fills_the_landmarks_in_view(page):
     assert page.get("[...diffbotPage.robot.landmarks.keys()]") == [7, 40]
     page.get("Object.assign(diffbotPage.view, { x: -1.5, y: 5, scale: 60, follow: false })")
     in_view, out_of_view = drawn(page, 7.0, LANDMARK), drawn(page, 4.0, LANDMARK)
@@ -118,11 +114,7 @@ def test_the_page_fills_the_landmarks_in_view(page):
     assert drawn(page, 7.0, LANDMARK) < 0.3 * out_of_view
     box.check()
     assert page.errors == []
-
-
-@pytest.mark.graph
-def test_the_near_region_is_drawn_around_the_goal(page):
-    """Its radius eps_P is 0.4 m in this bag; Omega_L holds from 5 s on."""
+    # The radius eps_P is 0.4 m in this bag; Omega_L holds from 5 s on.
     page.get("Object.assign(diffbotPage.view, { x: 2, y: 0.5, scale: 300, follow: false })")
     page.next_frame()
     x, y = page.get("diffbotPage.view.toScreen(2, 0.5)")

@@ -3,7 +3,6 @@
 import json
 import math
 
-import matplotlib.image
 import numpy as np
 import pytest
 import view_bags
@@ -14,7 +13,6 @@ from diffbot_control.law.presets import PRESETS
 from diffbot_core.errors import DiffbotError
 from diffbot_tools.view.events import MAX_NAMES, EventMaker
 from diffbot_tools.view.exports import export
-from diffbot_tools.view.moment import Moment, moment_of
 from diffbot_tools.view.page_file import embedded_json
 from diffbot_tools.view.report import page_data, read_bag_run
 from diffbot_tools.view.report_command import ReportOptions, run
@@ -191,29 +189,6 @@ def test_files_beside_the_report(circle, run_of_circle, tmp_path):
     table = np.genfromtxt(tmp_path / "run.csv", delimiter=",", names=True, deletechars="")
     assert table["error.x"][7] == pytest.approx(0.03)
     assert table["law.rho"][250] == pytest.approx(1.5)
-
-
-def test_a_picture_of_the_moment_and_view_of_a_link(run_of_circle, tmp_path):
-    corners = []
-    for quarters in (1, 2):
-        moment = moment_of(f"file:///a.html#robot=robot&t={quarters * math.pi / 2}&map=0,0,200&zoom=1,4")
-        path = tmp_path / f"{quarters}.png"
-        assert export(run_of_circle, tmp_path / "run.html", False, False, (path, moment)) == [path]
-        image = matplotlib.image.imread(path)[:, :650, :3]  # left of the legend
-        blue = np.argwhere(np.abs(image - np.array((0, 114, 178)) / 255).sum(axis=2) < 0.05)
-        corners.append(blue.min(axis=0))
-    # At 0.5 rad/s on a circle of 1 m, the path goes on from 45 to 90 degrees.
-    up, left = corners[0] - corners[1]
-    assert left == pytest.approx(200 * math.sqrt(0.5), rel=0.15)
-    assert up / left == pytest.approx(math.sqrt(2.0) - 1.0, abs=0.05)
-    with pytest.raises(DiffbotError, match="--at = 'other': must be one of robot"):
-        export(run_of_circle, tmp_path / "a.html", False, False, (tmp_path / "a.png", Moment("other")))
-
-
-@pytest.mark.parametrize("link", ["", "x", "#t=nan", "#t=1,2", "#t=1&map=1,2", "#t=1&map=0,0,-1", "#t=1&zoom=4,1"])
-def test_what_is_no_link(link):
-    with pytest.raises(DiffbotError, match="must be a link copied from the page"):
-        moment_of(link)
 
 
 def test_a_status_that_names_the_goal_before_is_no_goal(tmp_path):

@@ -1,1 +1,0 @@
-"""How fast any law could be: optimal drives as a bound."""

@@ -1,1 +1,0 @@
-"""The rights that running nodes use."""

@@ -1,1 +1,0 @@
-"""Public data sets of real robots to bags: MR.CLAM and the Labyrinth data set."""

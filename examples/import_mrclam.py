@@ -1,0 +1,130 @@
+"""Write a bag of a robot's drive in the MR.CLAM data set, for ``diffbot refilter``, ``calibrate`` and ``report``.
+
+    python examples/import_mrclam.py FOLDER ROBOT BAG
+
+FOLDER has the text files of a set, e.g. MRCLAM_Dataset7; ROBOT is 1 to 5. The set is described in Leung, Halpern,
+Barfoot, Liu, Int. J. Robotics Research 30 (2011) 969-974, and the bag in docs/how-to/calibrate.md.
+"""
+
+import sys
+from decimal import Decimal
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import yaml
+
+from diffbot_bag.bag.encoding import ODOMETRY, POSE, Encoder, NumbersMessage
+from diffbot_bag.bag.new_bag import new_bag
+from diffbot_bag.bag.qos import Qos
+from diffbot_control.filter.models import move
+from diffbot_control.ros.messages.fields import fill_unestimated
+from diffbot_control.ros.messages.landmark_cloud import LandmarkPoint, fill_landmark_points
+from diffbot_core.errors import DiffbotError
+from diffbot_core.geometry import Pose, quaternion_of_yaw
+from diffbot_core.kinematics import Twist
+from diffbot_tools.trajectory import Trajectory, poses_at
+
+# Messages with equal stamps are written in this order: the filter answers an odometry, which has to come last.
+CLOUD = "sensor_msgs/msg/PointCloud2"
+TOPICS = {"/initialpose": POSE, "/landmarks": CLOUD, "/ground_truth": ODOMETRY, "/odom": ODOMETRY}
+PARAMETERS = {  # of the node ekf, the same for all robots
+    "wheel_separation": 0.26, "wheel_radius": 0.033, "wheels_as_configured": 0.0,  # [m] of the iRobot Create
+    # The odometry is the velocity command: it has scale errors of about 10 % and a dead time.
+    "wheel_radius_sigma": 0.1, "wheel_separation_sigma": 0.1, "wheel_radius_walk": 1e-3, "odometry_delay": 0.25,
+    # The error of the camera grows with the distance and is correlated in time; some markers are misread.
+    "landmark_range_sigma": 0.03, "landmark_range_sigma_per_metre": 0.025, "landmark_bearing_sigma": 0.02,
+    "landmark_range_offset": 0.04, "landmark_range_offset_sigma": 0.03, "landmark_range_scale": 0.025,
+    "landmark_range_scale_sigma": 0.02, "landmark_bearing_offset_sigma": 0.01, "landmark_correlation_time": 1.0,
+    "landmark_gate": "weigh", "gate_probability": 0.99,
+}  # fmt: skip
+
+
+def number(word, low=-1e4, high=1e4):
+    """Return a number that is in its range."""
+    if low <= (value := float(word)) <= high:
+        return value
+    raise ValueError
+
+
+def stamp(word):
+    """Return a time [s] in [ns]; a float would round it."""
+    return round(Decimal(word) * 10**9) if number(word, 0.0, 2.0**31 - 1.0) else 0
+
+
+def rows(path, *columns):
+    """Yield the values of each line, each converted by the function of its column; # begins a comment."""
+    for count, line in enumerate(path.read_text(errors="replace").splitlines(), 1):
+        try:
+            if words := line.partition("#")[0].split():
+                yield tuple(convert(word) for convert, word in zip(columns, words, strict=True))
+        except ValueError:
+            raise DiffbotError(f"{path}, line {count}: {line[:80]!r} must be {len(columns)} numbers in range") from None
+
+
+def clouds_of(measured, subjects, landmarks):
+    """Return (stamp, points) of each cloud; a landmark measured twice at one time starts another cloud."""
+    clouds = []
+    for time, barcode, depth, bearing in sorted(dict.fromkeys(measured), key=lambda row: row[0]):
+        if (subject := subjects.get(barcode)) in landmarks:  # neither another robot nor misread
+            if not clouds or clouds[-1][0] != time or subject in {point.number for point in clouds[-1][1]}:
+                clouds.append((time, []))
+            # The "range" of the file is the depth along the axis of the camera.
+            clouds[-1][1].append(LandmarkPoint(subject, depth / np.cos(bearing), bearing, 0.0, 0.0))
+    return clouds
+
+
+def messages(clouds, truth, commands):
+    """Yield (stamp, place of the topic in TOPICS, CDR bytes) of each message; the order of the stamps is not kept."""
+    initial, encoder = NumbersMessage(POSE, "map"), Encoder()
+    true, driven = (NumbersMessage(ODOMETRY, frame, "base_link") for frame in ("map", "odom"))
+    initial.pose_covariance[[0, 7, 35]], true.pose_covariance[[0, 7, 35]], true.twist_covariance[::7] = 1e-4, 1e-6, 1e6
+    fill_unestimated(initial.pose_covariance)
+    fill_unestimated(true.pose_covariance)
+
+    def encoded(topic, message, time, pose):
+        message.position[:2], message.orientation[2:] = pose[:2], quaternion_of_yaw(pose[2])
+        return time, topic, message.encode(time)
+
+    times, poses = sorted(commands), np.array(list(truth.values())).reshape(-1, 3)
+    poses[:, 2] = np.unwrap(poses[:, 2])
+    first_poses = poses_at(np.array(times), Trajectory(np.array(list(truth)), poses))
+    known = np.isfinite(first_poses[:, 0])
+    if not known.any():
+        raise DiffbotError("no odometry at a time with a true pose")
+    start, last = times[known.argmax()], times[0]
+    yield encoded(0, initial, start, first_poses[known.argmax()])
+    for time, points in clouds:
+        header = {"stamp": {"sec": time // 10**9, "nanosec": time % 10**9}, "frame_id": "base_link"}
+        fill_landmark_points(message := SimpleNamespace(header=header), points, SimpleNamespace)
+        yield time, 1, encoder.encode(CLOUD, message)
+    yield from (encoded(2, true, time, pose) for time, pose in truth.items())
+    # A command holds until the next one: each message has the command before it, the mean twist since then.
+    pose = Pose(0.0, 0.0, 0.0)
+    for time in times:
+        if time >= start:
+            pose = move(pose, commands[last], (time - max(last, start)) * 1e-9).end
+            driven.twist[[0, 5]] = commands[last]
+            yield encoded(3, driven, time, pose)
+        last = time
+
+
+folder, robot, out = sys.argv[1:] if len(sys.argv) == 4 else sys.exit(__doc__)
+measured, true, driven = (f"Robot{robot}_{name}.dat" for name in ("Measurement", "Groundtruth", "Odometry"))
+try:
+    landmarks = {subject: xy for subject, *xy in rows(Path(folder, "Landmark_Groundtruth.dat"), int, *[number] * 4)}
+    subjects = {barcode: subject for subject, barcode in rows(Path(folder, "Barcodes.dat"), int, int)}
+    depth, bearing = (lambda word: number(word, 1e-3)), (lambda word: number(word, -1.5, 1.5))
+    clouds = clouds_of(rows(Path(folder, measured), stamp, int, depth, bearing), subjects, landmarks)
+    truth = {time: pose for time, *pose in sorted(rows(Path(folder, true), stamp, *[number] * 3))}
+    # Of equal times the first command is kept.
+    commands = {time: Twist(*twist) for time, *twist in reversed([*rows(Path(folder, driven), stamp, number, number)])}
+    ekf = PARAMETERS | {"landmark_ids": [*landmarks], "landmark_x": [x for x, *_ in landmarks.values()]}
+    ekf["landmark_y"] = [y for _, y, *_ in landmarks.values()]
+    with new_bag(Path(out)) as writer:
+        (writer.folder / "ekf.yaml").write_text(yaml.safe_dump({"/**/ekf": {"ros__parameters": ekf}}))
+        channels = [writer.add_topic(name, kind, (Qos(),)) for name, kind in TOPICS.items()]
+        for time, topic, data in sorted(messages(clouds, truth, commands), key=lambda one: one[:2]):
+            writer.write(channels[topic], data, time, time)
+except (DiffbotError, OSError) as error:
+    sys.exit(f"import_mrclam: {error}")

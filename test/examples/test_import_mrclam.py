@@ -1,0 +1,111 @@
+"""A set of MR.CLAM as a bag: read back with the rosbags library, compared with the circle that the files describe."""
+
+import math
+
+import numpy as np
+import pytest
+from bag_makers import read
+from dataset_files import LANDMARKS, OMEGA, RADIUS, T0, import_mrclam, measured, truth_at, write_mrclam
+from robot import planar, stamp, turned
+
+from diffbot_control.ros.messages.landmark_cloud import landmark_points
+
+START = 1_248_446_190_000_000_000
+
+
+def assert_pose(message, expected, tolerance=1e-7):
+    pose = planar(message.pose.pose)
+    assert pose[:2] == pytest.approx(expected[:2], abs=tolerance)
+    assert turned(pose, expected) < 1e-7
+
+
+@pytest.fixture(scope="module")
+def topics(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("data")
+    return read(import_mrclam(write_mrclam(folder / "set", robot=3), 3, folder / "bag"))
+
+
+def test_the_bag_holds_all_rows_at_the_time_of_the_data(topics):
+    assert set(topics) == {"/odom", "/landmarks", "/ground_truth", "/initialpose"}
+    for messages in topics.values():
+        assert all(time == stamp(message) for time, message in messages)
+    assert [len(topics[name]) for name in ("/odom", "/ground_truth", "/initialpose")] == [400, 1100, 1]
+    assert topics["/odom"][7][0] == START + 350_000_000
+
+
+def test_the_true_poses_and_the_start_are_on_the_circle(topics):
+    for time, message in topics["/ground_truth"]:
+        assert message.header.frame_id == "map"
+        assert_pose(message, truth_at((time - START) * 1e-9))
+    time, message = topics["/initialpose"][0]
+    assert time == topics["/odom"][0][0]
+    assert_pose(message, truth_at(0.0))
+    covariance = message.pose.covariance.reshape(6, 6)
+    assert np.sqrt(covariance[[0, 1, 5], [0, 1, 5]]) == pytest.approx([0.01, 0.01, 0.01])
+
+
+def test_odometry_has_the_twist_its_integral_and_unknown_covariances(topics):
+    for index, (_, message) in enumerate(topics["/odom"]):
+        assert (message.header.frame_id, message.child_frame_id) == ("odom", "base_link")
+        assert message.twist.twist.linear.x == pytest.approx(RADIUS * OMEGA)
+        assert message.twist.twist.angular.z == pytest.approx(OMEGA)
+        assert not message.twist.covariance.any()
+        angle = OMEGA * 0.05 * index
+        assert_pose(message, (RADIUS * math.sin(angle), RADIUS * (1.0 - math.cos(angle)), angle), 1e-4)
+
+
+def test_landmarks_are_ranges_along_the_line_of_sight_by_subject(topics):
+    """The files hold depths along the camera's axis."""
+    numbers, bearings = set(), []
+    for time, message in topics["/landmarks"]:
+        assert message.header.frame_id == "base_link"
+        for point in landmark_points(message):
+            expected = measured((time - START) * 1e-9, point.number)
+            assert (point.range, point.bearing) == pytest.approx(expected, abs=1e-6)
+            assert (point.var_range, point.var_bearing) == (0.0, 0.0)
+            numbers.add(point.number)
+            bearings.append(abs(point.bearing))
+    assert numbers == set(LANDMARKS)
+    assert max(bearings) > 1.0
+
+
+def test_repeated_lines_count_once_a_landmark_twice_at_one_time_needs_two_clouds_and_a_command_holds(tmp_path):
+    folder = write_mrclam(tmp_path / "set")
+    path = folder / "Robot1_Measurement.dat"
+    path.write_text("".join(f"{T0 + 1:.3f} 63 {depth} 0.0\n" for depth in (2.0, 2.0, 2.5)))
+    rows = [(0.0, 0.1), (0.0, 9.0), (1.0, 0.2), (3.0, 0.3)]
+    (folder / "Robot1_Odometry.dat").write_text("".join(f"{T0 + time:.3f} {v} 0.0\n" for time, v in rows))
+    topics = read(import_mrclam(folder, 1, tmp_path / "bag"))
+    assert [[p.range for p in landmark_points(m)] for _, m in topics["/landmarks"]] == [[2.0], [2.5]]
+    odometry = [(message.twist.twist.linear.x, message.pose.pose.position.x) for _, message in topics["/odom"]]
+    assert np.array(odometry) == pytest.approx(np.array([(0.1, 0.0), (0.1, 0.1), (0.2, 0.5)]))
+
+
+def test_what_cannot_be_imported_is_an_error_in_one_line_and_leaves_no_bag(tmp_path):
+    bad = {
+        "Odometry": ("soon 0.1 0.1", "1248446191 0.1", "1248446191 nan 0.1", "-1 0.1 0.1"),
+        "Measurement": ("1248446191 63 -1 0.1", "1248446191 6.3 1 0.1", "1248446191 63 1 1.6"),
+        "Groundtruth": ("1248446191 1e9 1 0" + " " * 5000,),
+    }
+    for name, lines in bad.items():
+        for line in lines:
+            folder = write_mrclam(tmp_path / "set", duration=2.0)
+            path = folder / f"Robot1_{name}.dat"
+            content = path.read_text()
+            path.write_text(f"{content}{line}\n")
+            words = f"import_mrclam: {path}, line {content.count(chr(10)) + 1}: "
+            assert refusal(folder, tmp_path / "bag").startswith(words), line
+    path.unlink()
+    assert str(path) in refusal(folder, tmp_path / "bag")
+    path.write_text("# nothing\n")
+    assert "no odometry at a time with a true pose" in refusal(folder, tmp_path / "bag")
+
+
+def refusal(folder, out):
+    with pytest.raises(SystemExit) as ended:
+        import_mrclam(folder, 1, out)
+    assert not out.exists()
+    text = str(ended.value.code)
+    assert "\n" not in text
+    assert len(text) < 400
+    return text
