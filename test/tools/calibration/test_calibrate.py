@@ -151,7 +151,7 @@ def test_file_is_one_that_the_filter_takes_and_is_not_written_over(bag, calibrat
 
 
 def test_too_little_is_refused_in_one_line(tmp_path):
-    short = write_bag(tmp_path / "bag", record(TRUE, seed=2, seconds=5.0), commands=False)
+    short = write_bag(tmp_path / "bag", record(TRUE, seed=2, seconds=5.0, sensors=Sensors(1)), commands=False)
     with pytest.raises(DiffbotError, match="s of odometry, at least 10 s are needed") as refused:
         run([short], None, tmp_path / "out.yaml", math.inf, {})
     assert "\n" not in str(refused.value)
