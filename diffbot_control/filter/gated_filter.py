@@ -44,12 +44,10 @@ from diffbot_control.filter.fix_correlation import (
 )
 from diffbot_control.filter.gate import (
     ACCEPTED,
-    REJECTED,
     RELOCATED,
     RESET_VAR_THETA,
     RESET_VAR_XY,
     WEIGHED,
-    Decision,
     age,
     decide_fix,
     decide_other,
@@ -253,8 +251,6 @@ class GatedFilter:
             gate, decision = decide_weight(memory.gate, self.nis, bound)
         else:
             gate, decision = decide_other(memory.gate, self.nis, bound, self.options)
-            if not measurement.may_reset and decision.outcome in (REJECTED, RELOCATED):
-                gate, decision = memory.gate, Decision(REJECTED, False)
         if decision.outcome == RELOCATED:
             unknown = with_pose(memory.belief, pose, _RESET_P)
             belief, _, _ = self._corrected(unknown, measurement, robust)

@@ -15,9 +15,9 @@ from scipy import stats
 from diffbot_bag.bag.encoding import ODOMETRY, POSE, Encoder, NumbersMessage
 from diffbot_bag.bag.new_bag import new_bag
 from diffbot_control.filter.measurements import FIXES, Heading, LandmarkMeasurement, PoseFix, PositionFix, Source
-from diffbot_control.filter.measurements.wall import WallRange
+from diffbot_control.filter.measurements.gyro import GyroRate
+from diffbot_control.filter.models import TurnRate
 from diffbot_control.filter.odometry import OdometryStep
-from diffbot_control.filter.wall_map import WallMap
 from diffbot_control.ros.messages.fields import fill_twist_covariance
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.errors import BadMessageError, DiffbotError
@@ -361,7 +361,7 @@ def test_averaged_odometry_keeps_the_way_and_its_variance(recording):
 
 
 def test_a_drive_may_start_from_a_position_and_what_the_kernel_does_not_know_is_dropped():
-    collector, walls = Collector(), WallMap((5.0,), (-1.0,), (5.0,), (1.0,)).walls()
+    collector = Collector()
     with pytest.raises(BadMessageError, match="no fix yet"):
         collector.on_measurement(Heading(0, 0.1, np.eye(1)))
     collector.on_measurement(PositionFix(0, 1.0, 2.0, np.diag([0.04, 0.09])))
@@ -369,4 +369,6 @@ def test_a_drive_may_start_from_a_position_and_what_the_kernel_does_not_know_is_
     assert start.pose == Pose(1.0, 2.0, 0.0)
     np.testing.assert_allclose(start.R, np.diag([0.04, 0.09, math.pi**2]))
     with pytest.raises(BadMessageError, match="not used by the calibration"):
-        collector.on_measurement(WallRange(1, 4.0, np.eye(1), Pose(0.0, 0.0, 0.0), walls))
+        collector.on_measurement(
+            GyroRate(1, TurnRate(0.1, 1e-4), Twist(0.5, 0.1), TwistCovariance(1e-3, 0.0, 1e-3), 0.6)
+        )
