@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from bisect import insort
 from collections import OrderedDict, deque
+from collections.abc import Collection, Iterable
 from typing import NamedTuple
 
 from diffbot_control.filter import contradiction
@@ -282,24 +283,50 @@ class Localization:
             self.dropped_before_odometry += 1
 
     def on_measurement(self, measurement: Measurement) -> None:
-        """Fuse a measurement at its own stamp.
+        """Fuse one measurement, see :meth:`on_measurements`.
 
         Raises:
-            BadMessageError: if it is a duplicate (stamp, source and numbers), if it is not finite, if it is older than
-                the history, if too many with earlier stamps wait for their odometry already, or if the filter has not
-                started and cannot start from it.
+            BadMessageError: if the measurement is dropped.
+        """
+        for error in self.on_measurements((measurement,)):
+            raise error
+
+    def on_measurements(self, measurements: Iterable[Measurement]) -> list[BadMessageError]:
+        """Fuse the measurements of a message, each at its own stamp, and return an error for each that is dropped.
+
+        The odometry steps after late measurements are computed again once, however many measurements are late.
+
+        A measurement is dropped if it is a duplicate (stamp, source and numbers), if it is not finite, if it is older
+        than the history, if too many with earlier stamps wait for their odometry already, or if the filter has not
+        started and cannot start from it.
+        """
+        errors: list[BadMessageError] = []
+        late: dict[Measurement, int] = {}
+        for measurement in measurements:
+            try:
+                if (index := self._insert(measurement)) is not None:
+                    late[measurement] = index
+            except BadMessageError as error:
+                errors.append(error)
+        if late:
+            self._repeat_from(min(late.values()), late)
+        return errors
+
+    def _insert(self, measurement: Measurement) -> int | None:
+        """Fuse a measurement or store it until its odometry comes.
+
+        Returns:
+            The index of the step from which the caller has to compute the history again; None if nothing changes there.
+
+        Raises:
+            BadMessageError: if the measurement is dropped.
         """
         key = key_of(measurement)
         if key in self._keys:
             raise BadMessageError("duplicate")
         if not math.isfinite(sum(key[2])):
             raise BadMessageError("measurement not finite")
-        self._insert(measurement)
-        self._keys[key] = None
-        if len(self._keys) > _MAX_KEYS:
-            self._keys.popitem(last=False)
-
-    def _insert(self, measurement: Measurement) -> None:
+        late = None
         if not self.initialised:
             start = measurement.restart(_ORIGIN)
             if start is None:
@@ -312,7 +339,11 @@ class Localization:
             self._update(measurement)
         else:
             # Also one with the present stamp: it may belong before others with that stamp.
-            self._insert_late(measurement)
+            late = self._insert_late(measurement)
+        self._keys[key] = None
+        if len(self._keys) > _MAX_KEYS:
+            self._keys.popitem(last=False)
+        return late
 
     def _wait(self, measurement: Measurement) -> None:
         if len(self._pending) >= _MAX_PENDING:
@@ -329,15 +360,15 @@ class Localization:
         """Allow a measurement that was never fused to be sent again."""
         self._keys.pop(key_of(dropped), None)
 
-    def _insert_late(self, measurement: Measurement) -> None:
+    def _insert_late(self, measurement: Measurement) -> int:
+        """Insert a measurement into the step of the history that it was made in, and return the step's index."""
         for index in range(len(self._steps) - 1, -1, -1):
             step = self._steps[index]
             # A stamp equal to the start of the history belongs to the state that the history starts from.
             covered = step.start < measurement.stamp or (index == 0 and step.start == measurement.stamp)
             if covered and measurement.stamp <= step.odometry.stamp:
                 insort(step.measurements, measurement, key=key_of)
-                self._repeat_from(index, measurement)
-                return
+                return index
         raise BadMessageError("too old", "its stamp is before the history")
 
     def on_gyro(self, sample: GyroSample) -> None:
@@ -362,23 +393,23 @@ class Localization:
                 return
         raise BadMessageError("too old", "its stamp is before the history")
 
-    def _repeat_from(self, index: int, late: Measurement | None = None) -> None:
-        """Compute the steps from ``index`` on again; only a ``late`` measurement is new to the monitor."""
+    def _repeat_from(self, index: int, late: Collection[Measurement] = ()) -> None:
+        """Compute the steps from ``index`` on again; only the ``late`` measurements are new to the monitor."""
         self.filter.memory = self._steps[index].memory
         for again in range(index, len(self._steps)):
             step = self._steps[again]
             step.memory = self.filter.memory
             self._propagate(step, late, is_new=False)
 
-    def _propagate(self, step: _Step, late: Measurement | None = None, *, is_new: bool = True) -> None:
-        """Compute a step; if it is not new, only the ``late`` measurement is new to the monitor."""
+    def _propagate(self, step: _Step, late: Collection[Measurement] = (), *, is_new: bool = True) -> None:
+        """Compute a step; if it is not new, only the ``late`` measurements are new to the monitor."""
         odometry, now = step.odometry, step.start
         rate, slip = self._take_rate(step, is_new=is_new)
         for measurement in step.measurements:
             if measurement.stamp > now:
                 self._predict(step, (measurement.stamp - now) * S_PER_NS, rate, slip)
                 now = measurement.stamp
-            self._update(measurement, is_new or measurement is late)
+            self._update(measurement, is_new or measurement in late)
         if odometry.stamp > now:
             self._predict(step, (odometry.stamp - now) * S_PER_NS, rate, slip)
 
