@@ -341,7 +341,7 @@ class GatedFilter:
         """Adapt to an innovation, of whose S only the diagonal counts: each number by its own deviation."""
         y, S = innovation.y.tolist(), innovation.S.diagonal().tolist()
         normalised = [one / math.sqrt(variance) for one, variance in zip(y, S, strict=True)]
-        return adapt(self.memory.adaptation, Normalised(*normalised, *[0.0] * (3 - len(y))), expected)
+        return adapt(self.memory.adaptation, Normalised(*normalised, *[math.nan] * (3 - len(y))), expected)
 
     def _robust(self, measurement: Measurement, bound: float) -> Robust:
         """Return how much weaker the correction with a measurement is than its R says."""
