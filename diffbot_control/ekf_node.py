@@ -35,7 +35,7 @@ from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_control.ros.sensors.fixes import POSE_MESSAGE
 from diffbot_control.ros.sensors.sensor import Sensor, fuse
 from diffbot_control.ros.tf import transform_sender
-from diffbot_core.errors import BadMessageError
+from diffbot_core.errors import BadMessageError, DiffbotError
 from diffbot_core.files import file_path
 from diffbot_core.geometry import Pose
 from diffbot_core.ros.managed_node import INACTIVE, ManagedNode
@@ -211,6 +211,9 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         except BrokenStateError as error:
             # The robot must start without it.
             self.get_logger().error(f"state not restored: {error}")
+        except DiffbotError as error:
+            self.get_logger().error(f"state not restored, and none will be saved: {error}")
+            return None
         return keeper
 
     def _save(self) -> None:
