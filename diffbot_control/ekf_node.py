@@ -239,17 +239,21 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
 
     def _on_joint_states(self, message: JointState) -> None:
         step = self._inputs.joint_states(message)
-        self._newest = self._answer(step), step
+        estimate = self._answer(step)
+        self._newest = estimate, estimate.odometry or step
 
     def _on_odometry_pose(self, message: Odometry) -> None:
         """Send the transform to the odometry's frame, though the motion is that of joint_states."""
         stamp, in_odom = self._inputs.odometry(message).stamp, pose_of(message.pose.pose)
-        if self._transforms is None or self._newest is None or self.localization.contradiction.cause:
+        if self._transforms is None or self._newest is None:
+            return
+        if not self.is_active or self.localization.contradiction.cause:
             return
         estimate, step = self._newest
         dt = (stamp - estimate.stamp) * S_PER_NS
         if abs(dt) <= self.config.sensor_timeout:
-            self._transforms.send(stamp, move(estimate.pose, step.twist, dt).end, in_odom)
+            twist, _ = self.localization.twist_of(estimate, step)
+            self._transforms.send(stamp, move(estimate.pose, twist, dt).end, in_odom)
 
     def _answer(self, odometry: OdometryStep) -> FilterEstimate:
         self._last_arrival = now = time.monotonic_ns()
@@ -274,7 +278,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         self._outputs.send_pose(estimate)
         if self._last_state != RUNNING:
             self._publish_status()
-        self._outputs.send_filtered(estimate, *self.localization.twist_of(estimate.odometry or odometry))
+        self._outputs.send_filtered(estimate, *self.localization.twist_of(estimate, estimate.odometry or odometry))
         return estimate
 
     def _hand_over(self, estimate: FilterEstimate, receiver: PoseReceiver) -> None:

@@ -65,7 +65,7 @@ from diffbot_control.filter.landmark_correlation import (
     with_landmark,
     with_shift,
 )
-from diffbot_control.filter.measurements import FIXES, LANDMARKS, Array, Innovation, Measurement
+from diffbot_control.filter.measurements import FIXES, LANDMARKS, Array, Innovation, Measurement, States
 from diffbot_control.filter.measurements.gyro import GyroRate
 from diffbot_control.filter.memory import Memory
 from diffbot_control.filter.models import Motion
@@ -149,9 +149,14 @@ class GatedFilter:
         """Return the estimated errors of the wheels; None if they are not states."""
         return self._errors(self._ekf.states.wheels)
 
-    def corrected_twist(self, measured: Twist) -> Twist:
-        """Return a twist corrected by the estimated errors of the wheels, if there are any."""
-        return self._ekf.corrected_twist(measured, self.memory.belief.x)
+    @property
+    def states(self) -> States:
+        """Where the states stand."""
+        return self._ekf.states
+
+    def corrected_twist(self, measured: Twist, x: Array) -> Twist:
+        """Return a twist corrected by the errors of the wheels in the state ``x`` (n,), if there are any."""
+        return self._ekf.corrected_twist(measured, x)
 
     def landmark_errors(self) -> ErrorEstimate | None:
         """Return the estimated errors of landmarks, see :class:`LandmarkErrors`; None if they are not states."""

@@ -64,8 +64,8 @@ class FilterEstimate(NamedTuple):
     """(3, 3) covariance of x, y, theta [m, m, rad]"""
     odometry: OdometryStep | None
     """what moved the robot to this time; None at first"""
-    belief: Belief
-    """all states, including the radius errors where they are states"""
+    average: Belief
+    """all states, averaged over the hypotheses on the estimated errors, see :mod:`averaging`"""
 
 
 class _Step:
@@ -185,19 +185,20 @@ class Localization:
         if not self.initialised or self._stamp is None:
             raise BadMessageError("no fix yet")
         average = self.filter.average()
-        return FilterEstimate(
-            self._stamp, pose_of(average), average.P[:3, :3], self._odometry, self.filter.memory.belief
-        )
+        return FilterEstimate(self._stamp, pose_of(average), average.P[:3, :3], self._odometry, average)
 
-    def twist_of(self, odometry: OdometryStep) -> tuple[Twist, TwistCovariance]:
-        """Return the twist of the newest odometry, corrected by the estimated errors and the gyro, and its covariance.
+    def twist_of(self, estimate: FilterEstimate, odometry: OdometryStep) -> tuple[Twist, TwistCovariance]:
+        """Return the twist of the newest odometry, corrected by the errors in an estimate and the gyro.
 
-        A covariance of zeros is unknown and stays so.
+        Returns:
+            The twist and its covariance; a covariance of zeros is unknown and stays so.
         """
-        wheels, bias = self.filter.corrected_twist(odometry.twist), self.filter.gyro_bias()
-        if bias is None:
+        x, states = estimate.average.x, self.filter.states
+        wheels = self.filter.corrected_twist(odometry.twist, x)
+        bias = x[states.gyro]
+        if not bias.size:
             return wheels, odometry.covariance
-        difference = self._rate.value - bias.errors.item() - wheels.omega
+        difference = self._rate.value - bias.item() - wheels.omega
         return with_rate(wheels, difference, self._share), covariance_with_rate(odometry.covariance, self._share)
 
     def correlated(self) -> list[str]:

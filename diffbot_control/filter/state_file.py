@@ -166,7 +166,7 @@ class StateKeeper:
             estimate = self._localization.estimate()
         except BadMessageError:
             return  # no fix yet
-        if estimate.stamp == self._saved or not np.isfinite(estimate.belief.P).all():
+        if estimate.stamp == self._saved or not np.isfinite(estimate.average.P).all():
             return
         found = self._localization.filter
         state = SavedState(estimate.pose, estimate.P, found.wheels(), geometry, found.landmark_errors())
