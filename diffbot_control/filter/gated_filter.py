@@ -6,6 +6,7 @@ Its memory is one immutable value, :attr:`GatedFilter.memory`: assigning an olde
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -30,7 +31,7 @@ from diffbot_control.filter.belief import (
     with_pose,
     with_wider_radii,
 )
-from diffbot_control.filter.correlation import NO_STAMPS, Times, inflation_of, with_stamp
+from diffbot_control.filter.correlation import NO_STAMPS, Times, correlation_over, inflation_of, with_stamp
 from diffbot_control.filter.ekf import PLAIN, PoseEkf, Robust
 from diffbot_control.filter.fix_correlation import (
     STANDING,
@@ -185,6 +186,13 @@ class GatedFilter:
     def landmark_correlation_time(self) -> float | None:
         """Return how long the errors of each landmark were found to last [s]; None if it is not looked for."""
         return self.memory.landmarks.means.time if self.options.detects_landmark_correlation else None
+
+    def assumed_correlation(self, sensor: str, periods: Sequence[float]) -> float:
+        """Return the mean correlation that the filter assumes of a sensor's errors that are ``periods`` [s] apart."""
+        if sensor == FIXES and (c := self.fix_correlation()) is not None:
+            return c
+        time = self.landmark_correlation_time() if sensor == LANDMARKS else None
+        return correlation_over(periods, self._times.get(sensor, 0.0) if time is None else time)
 
     def _errors(self, part: slice) -> ErrorEstimate | None:
         if part.start == part.stop:

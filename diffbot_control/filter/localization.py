@@ -202,9 +202,17 @@ class Localization:
         return with_rate(wheels, difference, self._share), covariance_with_rate(odometry.covariance, self._share)
 
     def correlated(self) -> list[str]:
-        """Return the sensors whose errors are correlated in time, but independent by the options."""
-        times, found = self.config.correlation_times(), self.monitor.whiteness()
-        return [name for name, one in found.items() if not times.get(name) and one.correlation > one.alarm]
+        """Return the sensors whose innovations are more correlated in time than the filter assumes their errors to be.
+
+        The autocorrelation of the innovations is that of the errors if the filter follows none of them, and less
+        otherwise.
+        """
+        assumed = self.filter.assumed_correlation
+        return [
+            name
+            for name, one in self.monitor.whiteness().items()
+            if one.correlation > assumed(name, one.periods) + one.alarm
+        ]
 
     def check_innovations(self) -> None:
         """Look for fixes that contradict the odometry without relocating the filter; to be called now and then."""
@@ -461,7 +469,7 @@ class Localization:
         outcome = self.filter.take(measurement)
         if new:
             stamp, source, numbers = key_of(measurement)
-            self.monitor.record(source, self.filter.nis, outcome, self.filter.innovation)
+            self.monitor.record(source, self.filter.nis, outcome, self.filter.innovation, stamp)
             if outcome == RELOCATED:
                 self.contradiction = contradiction.with_relocation(self.contradiction, stamp)
             if source.sensor == FIXES:
