@@ -35,7 +35,7 @@ from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_control.ros.sensors.fixes import POSE_MESSAGE
 from diffbot_control.ros.sensors.sensor import Sensor, fuse
 from diffbot_control.ros.tf import transform_sender
-from diffbot_core.errors import BadMessageError
+from diffbot_core.errors import BadMessageError, DiffbotError
 from diffbot_core.files import file_path
 from diffbot_core.geometry import Pose
 from diffbot_core.ros.managed_node import INACTIVE, ManagedNode
@@ -211,6 +211,9 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         except BrokenStateError as error:
             # The robot must start without it.
             self.get_logger().error(f"state not restored: {error}")
+        except DiffbotError as error:
+            self.get_logger().error(f"state not restored, and none will be saved: {error}")
+            return None
         return keeper
 
     def _save(self) -> None:
@@ -236,17 +239,21 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
 
     def _on_joint_states(self, message: JointState) -> None:
         step = self._inputs.joint_states(message)
-        self._newest = self._answer(step), step
+        estimate = self._answer(step)
+        self._newest = estimate, estimate.odometry or step
 
     def _on_odometry_pose(self, message: Odometry) -> None:
         """Send the transform to the odometry's frame, though the motion is that of joint_states."""
         stamp, in_odom = self._inputs.odometry(message).stamp, pose_of(message.pose.pose)
-        if self._transforms is None or self._newest is None or self.localization.contradiction.cause:
+        if self._transforms is None or self._newest is None:
+            return
+        if not self.is_active or self.localization.contradiction.cause:
             return
         estimate, step = self._newest
         dt = (stamp - estimate.stamp) * S_PER_NS
         if abs(dt) <= self.config.sensor_timeout:
-            self._transforms.send(stamp, move(estimate.pose, step.twist, dt).end, in_odom)
+            twist, _ = self.localization.twist_of(estimate, step)
+            self._transforms.send(stamp, move(estimate.pose, twist, dt).end, in_odom)
 
     def _answer(self, odometry: OdometryStep) -> FilterEstimate:
         self._last_arrival = now = time.monotonic_ns()
@@ -271,7 +278,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         self._outputs.send_pose(estimate)
         if self._last_state != RUNNING:
             self._publish_status()
-        self._outputs.send_filtered(estimate, *self.localization.twist_of(estimate.odometry or odometry))
+        self._outputs.send_filtered(estimate, *self.localization.twist_of(estimate, estimate.odometry or odometry))
         return estimate
 
     def _hand_over(self, estimate: FilterEstimate, receiver: PoseReceiver) -> None:

@@ -49,6 +49,7 @@ class Normalised(NamedTuple):
     x: float
     y: float
     theta: float
+    """nan: the fix has no heading"""
 
 
 class Adaptation(NamedTuple):
@@ -187,7 +188,9 @@ def adapt(adaptation: Adaptation, innovation: Normalised, expected: bool) -> Ada
     # Outliers are isolated: a pair of an outlier and a good fix is no sample of the noise.
     if adaptation.fixes > 0 and (expected == adaptation.expected or position.pairs < _INITIAL_PAIRS):
         position = _adapt_channel(position, 0.25 * ((x - last.x) ** 2 + (y - last.y) ** 2))
-        heading = _adapt_channel(heading, 0.5 * (theta - last.theta) ** 2)
+        turn = theta - last.theta
+        if not math.isnan(turn):
+            heading = _adapt_channel(heading, 0.5 * turn**2)
     share = _DRIFT_MEMORY if expected else 0.0
     return Adaptation(
         position,
@@ -196,7 +199,7 @@ def adapt(adaptation: Adaptation, innovation: Normalised, expected: bool) -> Ada
         Normalised(
             drift.x + share * (x - drift.x),
             drift.y + share * (y - drift.y),
-            drift.theta + share * (theta - drift.theta),
+            drift.theta if math.isnan(theta) else drift.theta + share * (theta - drift.theta),
         ),
         adaptation.fixes + 1,
         expected,

@@ -8,7 +8,7 @@ as much about the pose as those do, and the filter's covariance stays honest.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from diffbot_control.filter.measurements import Measurement, Source
 from diffbot_core.units import S_PER_NS
@@ -46,3 +46,15 @@ def inflation_of(stamps: Stamps, measurement: Measurement, times: Times) -> floa
 def inflation_after(dt: float, time: float) -> float:
     """Return (1 + c) / (1 - c) with c = exp(-dt / time) for measurements ``dt`` [s] apart; ``time`` > 0 [s]."""
     return 1.0 / math.tanh(0.5 * max(dt, MIN_DT) / time)
+
+
+def correlation_over(periods: Sequence[float], time: float) -> float:
+    """Return the mean correlation of two errors that are ``periods`` [s] apart; 0 if they are independent.
+
+    Args:
+        periods: times between two measurements [s].
+        time: how long errors last [s]; 0: independent.
+    """
+    if time == 0.0 or not periods:
+        return 0.0
+    return sum(math.exp(-max(dt, MIN_DT) / time) for dt in periods) / len(periods)

@@ -6,6 +6,7 @@ Its memory is one immutable value, :attr:`GatedFilter.memory`: assigning an olde
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -30,7 +31,7 @@ from diffbot_control.filter.belief import (
     with_pose,
     with_wider_radii,
 )
-from diffbot_control.filter.correlation import NO_STAMPS, Times, inflation_of, with_stamp
+from diffbot_control.filter.correlation import NO_STAMPS, Times, correlation_over, inflation_of, with_stamp
 from diffbot_control.filter.ekf import PLAIN, PoseEkf, Robust
 from diffbot_control.filter.fix_correlation import (
     STANDING,
@@ -44,12 +45,10 @@ from diffbot_control.filter.fix_correlation import (
 )
 from diffbot_control.filter.gate import (
     ACCEPTED,
-    REJECTED,
     RELOCATED,
     RESET_VAR_THETA,
     RESET_VAR_XY,
     WEIGHED,
-    Decision,
     age,
     decide_fix,
     decide_other,
@@ -67,7 +66,7 @@ from diffbot_control.filter.landmark_correlation import (
     with_landmark,
     with_shift,
 )
-from diffbot_control.filter.measurements import FIXES, LANDMARKS, Array, Innovation, Measurement
+from diffbot_control.filter.measurements import FIXES, LANDMARKS, Array, Innovation, Measurement, States
 from diffbot_control.filter.measurements.gyro import GyroRate
 from diffbot_control.filter.memory import Memory
 from diffbot_control.filter.models import Motion
@@ -151,9 +150,14 @@ class GatedFilter:
         """Return the estimated errors of the wheels; None if they are not states."""
         return self._errors(self._ekf.states.wheels)
 
-    def corrected_twist(self, measured: Twist) -> Twist:
-        """Return a twist corrected by the estimated errors of the wheels, if there are any."""
-        return self._ekf.corrected_twist(measured, self.memory.belief.x)
+    @property
+    def states(self) -> States:
+        """Where the states stand."""
+        return self._ekf.states
+
+    def corrected_twist(self, measured: Twist, x: Array) -> Twist:
+        """Return a twist corrected by the errors of the wheels in the state ``x`` (n,), if there are any."""
+        return self._ekf.corrected_twist(measured, x)
 
     def landmark_errors(self) -> ErrorEstimate | None:
         """Return the estimated errors of landmarks, see :class:`LandmarkErrors`; None if they are not states."""
@@ -182,6 +186,13 @@ class GatedFilter:
     def landmark_correlation_time(self) -> float | None:
         """Return how long the errors of each landmark were found to last [s]; None if it is not looked for."""
         return self.memory.landmarks.means.time if self.options.detects_landmark_correlation else None
+
+    def assumed_correlation(self, sensor: str, periods: Sequence[float]) -> float:
+        """Return the mean correlation that the filter assumes of a sensor's errors that are ``periods`` [s] apart."""
+        if sensor == FIXES and (c := self.fix_correlation()) is not None:
+            return c
+        time = self.landmark_correlation_time() if sensor == LANDMARKS else None
+        return correlation_over(periods, self._times.get(sensor, 0.0) if time is None else time)
 
     def _errors(self, part: slice) -> ErrorEstimate | None:
         if part.start == part.stop:
@@ -253,8 +264,6 @@ class GatedFilter:
             gate, decision = decide_weight(memory.gate, self.nis, bound)
         else:
             gate, decision = decide_other(memory.gate, self.nis, bound, self.options)
-            if not measurement.may_reset and decision.outcome in (REJECTED, RELOCATED):
-                gate, decision = memory.gate, Decision(REJECTED, False)
         if decision.outcome == RELOCATED:
             unknown = with_pose(memory.belief, pose, _RESET_P)
             belief, _, _ = self._corrected(unknown, measurement, robust)
@@ -345,7 +354,7 @@ class GatedFilter:
         """Adapt to an innovation, of whose S only the diagonal counts: each number by its own deviation."""
         y, S = innovation.y.tolist(), innovation.S.diagonal().tolist()
         normalised = [one / math.sqrt(variance) for one, variance in zip(y, S, strict=True)]
-        return adapt(self.memory.adaptation, Normalised(*normalised, *[0.0] * (3 - len(y))), expected)
+        return adapt(self.memory.adaptation, Normalised(*normalised, *[math.nan] * (3 - len(y))), expected)
 
     def _robust(self, measurement: Measurement, bound: float) -> Robust:
         """Return how much weaker the correction with a measurement is than its R says."""

@@ -16,6 +16,7 @@ import numpy as np
 from diffbot_control.filter.chi_square import chi_square_bound
 from diffbot_control.filter.gate import ACCEPTED, REJECTED, RELOCATED, WEIGHED
 from diffbot_control.filter.measurements import FIXES, Array, Innovation, Source
+from diffbot_core.units import S_PER_NS
 
 WINDOW = 50
 """Number of accepted measurements in the mean."""
@@ -30,6 +31,9 @@ _SIGMAS_95, _SIGMAS_ALARM = 1.96, 4.0
 """Bounds in standard deviations; watched all the time, four are exceeded in 0.5 % of drives of 15 minutes at 5 Hz."""
 
 
+_NO_NUMBERS: Array = np.empty(0)
+
+
 class Whiteness(NamedTuple):
     """Autocorrelation of innovations with the ones before of the same source; 0 on average if they are white."""
 
@@ -37,9 +41,11 @@ class Whiteness(NamedTuple):
     bound: float
     """95 % of the absolute values of a consistent filter are below it"""
     alarm: float
-    """above it the errors are correlated in time"""
+    """if the correlation is greater by this than the one that the filter assumes, the filter is overconfident"""
     nis: float
     """mean of the same innovations per number measured; 1 if their covariance is right"""
+    periods: tuple[float, ...]
+    """[s] between the two measurements of each pair"""
 
 
 def whitened(innovations: Sequence[Innovation]) -> list[Array]:
@@ -64,24 +70,30 @@ def _roots(S: Array) -> Array:
         return np.asarray(vectors * np.sqrt(np.maximum(values, least))[:, None, :])
 
 
-def whiteness_of(whitened: Iterable[tuple[Hashable, Array]]) -> Whiteness | None:
-    """Return the lag-1 autocorrelation of whitened innovations (source, u) in the order of time; None if too few.
+def whiteness_of(whitened: Iterable[tuple[Hashable, int, Array]]) -> Whiteness | None:
+    """Return the lag-1 autocorrelation of whitened innovations in the order of time; None if there are too few.
 
     For white innovations, the sum of n products of neighbours divided by the mean square has mean 0 and variance n.
+
+    Args:
+        whitened: source, stamp [ns] and whitened innovation of each measurement.
     """
-    last: dict[Hashable, Array] = {}
+    last: dict[Hashable, tuple[int, Array]] = {}
     energy, numbers, product, pairs = 0.0, 0, 0.0, 0
-    for source, u in whitened:
+    periods = []
+    for source, stamp, u in whitened:
         energy, numbers = energy + float(u.dot(u)), numbers + u.size
-        before = last.get(source)
-        if before is not None and before.size == u.size:
+        stamp_before, before = last.get(source, (0, _NO_NUMBERS))
+        if before.size == u.size:
             product, pairs = product + float(u.dot(before)), pairs + u.size
-        last[source] = u
+            # A late measurement is recorded after newer ones.
+            periods.append(abs(stamp - stamp_before) * S_PER_NS)
+        last[source] = stamp, u
     if pairs < _MIN_PAIRS or energy <= 0.0:
         return None
     deviation = 1.0 / math.sqrt(pairs)
     nis = energy / numbers
-    return Whiteness(product / pairs / nis, _SIGMAS_95 * deviation, _SIGMAS_ALARM * deviation, nis)
+    return Whiteness(product / pairs / nis, _SIGMAS_95 * deviation, _SIGMAS_ALARM * deviation, nis, tuple(periods))
 
 
 class Nis(NamedTuple):
@@ -109,9 +121,9 @@ class _Sensor:
 
     def __init__(self) -> None:
         self.rejected = self.relocated = 0
-        self.fresh: deque[tuple[Source, Innovation]] = deque(maxlen=_WHITENESS_WINDOW)
-        """innovations that are not yet whitened"""
-        self.whitened: deque[tuple[Source, Array]] = deque(maxlen=_WHITENESS_WINDOW)
+        self.fresh: deque[tuple[Source, int, Innovation]] = deque(maxlen=_WHITENESS_WINDOW)
+        """innovations that are not yet whitened, with source and stamp"""
+        self.whitened: deque[tuple[Source, int, Array]] = deque(maxlen=_WHITENESS_WINDOW)
         self.whiteness: Whiteness | None = None
 
     def clear(self) -> None:
@@ -137,7 +149,9 @@ class InnovationMonitor:
         for one in self.sensors.values():
             one.clear()
 
-    def record(self, source: Source, nis: float, outcome: int, innovation: Innovation | None = None) -> None:
+    def record(
+        self, source: Source, nis: float, outcome: int, innovation: Innovation | None = None, stamp: int = 0
+    ) -> None:
         """Add a measurement.
 
         Args:
@@ -145,11 +159,12 @@ class InnovationMonitor:
             nis: its NIS.
             outcome: of the gate's decision.
             innovation: None if it could not be computed.
+            stamp: [ns] of the measurement.
         """
         sensor = self.sensors[source.sensor]
         if outcome == ACCEPTED and innovation is not None:
             self._window.append((nis, innovation.y.size))
-            sensor.fresh.append((source, innovation))
+            sensor.fresh.append((source, stamp, innovation))
         elif outcome == WEIGHED:
             self.weighed += 1
         elif outcome == REJECTED:
@@ -167,8 +182,8 @@ class InnovationMonitor:
         # Computed when asked for, and each innovation once: a status that is sent twice a second needs it.
         for one in self.sensors.values():
             if one.fresh:
-                sources, innovations = zip(*one.fresh, strict=True)
-                one.whitened.extend(zip(sources, whitened(innovations), strict=True))
+                sources, stamps, innovations = zip(*one.fresh, strict=True)
+                one.whitened.extend(zip(sources, stamps, whitened(innovations), strict=True))
                 one.whiteness = whiteness_of(one.whitened)
                 one.fresh.clear()
         return {name: one.whiteness for name, one in self.sensors.items() if one.whiteness is not None}

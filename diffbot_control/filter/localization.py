@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from bisect import insort
 from collections import OrderedDict, deque
+from collections.abc import Collection, Iterable
 from typing import NamedTuple
 
 from diffbot_control.filter import contradiction
@@ -63,8 +64,8 @@ class FilterEstimate(NamedTuple):
     """(3, 3) covariance of x, y, theta [m, m, rad]"""
     odometry: OdometryStep | None
     """what moved the robot to this time; None at first"""
-    belief: Belief
-    """all states, including the radius errors where they are states"""
+    average: Belief
+    """all states, averaged over the hypotheses on the estimated errors, see :mod:`averaging`"""
 
 
 class _Step:
@@ -184,25 +185,34 @@ class Localization:
         if not self.initialised or self._stamp is None:
             raise BadMessageError("no fix yet")
         average = self.filter.average()
-        return FilterEstimate(
-            self._stamp, pose_of(average), average.P[:3, :3], self._odometry, self.filter.memory.belief
-        )
+        return FilterEstimate(self._stamp, pose_of(average), average.P[:3, :3], self._odometry, average)
 
-    def twist_of(self, odometry: OdometryStep) -> tuple[Twist, TwistCovariance]:
-        """Return the twist of the newest odometry, corrected by the estimated errors and the gyro, and its covariance.
+    def twist_of(self, estimate: FilterEstimate, odometry: OdometryStep) -> tuple[Twist, TwistCovariance]:
+        """Return the twist of the newest odometry, corrected by the errors in an estimate and the gyro.
 
-        A covariance of zeros is unknown and stays so.
+        Returns:
+            The twist and its covariance; a covariance of zeros is unknown and stays so.
         """
-        wheels, bias = self.filter.corrected_twist(odometry.twist), self.filter.gyro_bias()
-        if bias is None:
+        x, states = estimate.average.x, self.filter.states
+        wheels = self.filter.corrected_twist(odometry.twist, x)
+        bias = x[states.gyro]
+        if not bias.size:
             return wheels, odometry.covariance
-        difference = self._rate.value - bias.errors.item() - wheels.omega
+        difference = self._rate.value - bias.item() - wheels.omega
         return with_rate(wheels, difference, self._share), covariance_with_rate(odometry.covariance, self._share)
 
     def correlated(self) -> list[str]:
-        """Return the sensors whose errors are correlated in time, but independent by the options."""
-        times, found = self.config.correlation_times(), self.monitor.whiteness()
-        return [name for name, one in found.items() if not times.get(name) and one.correlation > one.alarm]
+        """Return the sensors whose innovations are more correlated in time than the filter assumes their errors to be.
+
+        The autocorrelation of the innovations is that of the errors if the filter follows none of them, and less
+        otherwise.
+        """
+        assumed = self.filter.assumed_correlation
+        return [
+            name
+            for name, one in self.monitor.whiteness().items()
+            if one.correlation > assumed(name, one.periods) + one.alarm
+        ]
 
     def check_innovations(self) -> None:
         """Look for fixes that contradict the odometry without relocating the filter; to be called now and then."""
@@ -282,24 +292,50 @@ class Localization:
             self.dropped_before_odometry += 1
 
     def on_measurement(self, measurement: Measurement) -> None:
-        """Fuse a measurement at its own stamp.
+        """Fuse one measurement, see :meth:`on_measurements`.
 
         Raises:
-            BadMessageError: if it is a duplicate (stamp, source and numbers), if it is not finite, if it is older than
-                the history, if too many with earlier stamps wait for their odometry already, or if the filter has not
-                started and cannot start from it.
+            BadMessageError: if the measurement is dropped.
+        """
+        for error in self.on_measurements((measurement,)):
+            raise error
+
+    def on_measurements(self, measurements: Iterable[Measurement]) -> list[BadMessageError]:
+        """Fuse the measurements of a message, each at its own stamp, and return an error for each that is dropped.
+
+        The odometry steps after late measurements are computed again once, however many measurements are late.
+
+        A measurement is dropped if it is a duplicate (stamp, source and numbers), if it is not finite, if it is older
+        than the history, if too many with earlier stamps wait for their odometry already, or if the filter has not
+        started and cannot start from it.
+        """
+        errors: list[BadMessageError] = []
+        late: dict[Measurement, int] = {}
+        for measurement in measurements:
+            try:
+                if (index := self._insert(measurement)) is not None:
+                    late[measurement] = index
+            except BadMessageError as error:
+                errors.append(error)
+        if late:
+            self._repeat_from(min(late.values()), late)
+        return errors
+
+    def _insert(self, measurement: Measurement) -> int | None:
+        """Fuse a measurement or store it until its odometry comes.
+
+        Returns:
+            The index of the step from which the caller has to compute the history again; None if nothing changes there.
+
+        Raises:
+            BadMessageError: if the measurement is dropped.
         """
         key = key_of(measurement)
         if key in self._keys:
             raise BadMessageError("duplicate")
         if not math.isfinite(sum(key[2])):
             raise BadMessageError("measurement not finite")
-        self._insert(measurement)
-        self._keys[key] = None
-        if len(self._keys) > _MAX_KEYS:
-            self._keys.popitem(last=False)
-
-    def _insert(self, measurement: Measurement) -> None:
+        late = None
         if not self.initialised:
             start = measurement.restart(_ORIGIN)
             if start is None:
@@ -312,7 +348,11 @@ class Localization:
             self._update(measurement)
         else:
             # Also one with the present stamp: it may belong before others with that stamp.
-            self._insert_late(measurement)
+            late = self._insert_late(measurement)
+        self._keys[key] = None
+        if len(self._keys) > _MAX_KEYS:
+            self._keys.popitem(last=False)
+        return late
 
     def _wait(self, measurement: Measurement) -> None:
         if len(self._pending) >= _MAX_PENDING:
@@ -329,15 +369,15 @@ class Localization:
         """Allow a measurement that was never fused to be sent again."""
         self._keys.pop(key_of(dropped), None)
 
-    def _insert_late(self, measurement: Measurement) -> None:
+    def _insert_late(self, measurement: Measurement) -> int:
+        """Insert a measurement into the step of the history that it was made in, and return the step's index."""
         for index in range(len(self._steps) - 1, -1, -1):
             step = self._steps[index]
             # A stamp equal to the start of the history belongs to the state that the history starts from.
             covered = step.start < measurement.stamp or (index == 0 and step.start == measurement.stamp)
             if covered and measurement.stamp <= step.odometry.stamp:
                 insort(step.measurements, measurement, key=key_of)
-                self._repeat_from(index, measurement)
-                return
+                return index
         raise BadMessageError("too old", "its stamp is before the history")
 
     def on_gyro(self, sample: GyroSample) -> None:
@@ -362,23 +402,23 @@ class Localization:
                 return
         raise BadMessageError("too old", "its stamp is before the history")
 
-    def _repeat_from(self, index: int, late: Measurement | None = None) -> None:
-        """Compute the steps from ``index`` on again; only a ``late`` measurement is new to the monitor."""
+    def _repeat_from(self, index: int, late: Collection[Measurement] = ()) -> None:
+        """Compute the steps from ``index`` on again; only the ``late`` measurements are new to the monitor."""
         self.filter.memory = self._steps[index].memory
         for again in range(index, len(self._steps)):
             step = self._steps[again]
             step.memory = self.filter.memory
             self._propagate(step, late, is_new=False)
 
-    def _propagate(self, step: _Step, late: Measurement | None = None, *, is_new: bool = True) -> None:
-        """Compute a step; if it is not new, only the ``late`` measurement is new to the monitor."""
+    def _propagate(self, step: _Step, late: Collection[Measurement] = (), *, is_new: bool = True) -> None:
+        """Compute a step; if it is not new, only the ``late`` measurements are new to the monitor."""
         odometry, now = step.odometry, step.start
         rate, slip = self._take_rate(step, is_new=is_new)
         for measurement in step.measurements:
             if measurement.stamp > now:
                 self._predict(step, (measurement.stamp - now) * S_PER_NS, rate, slip)
                 now = measurement.stamp
-            self._update(measurement, is_new or measurement is late)
+            self._update(measurement, is_new or measurement in late)
         if odometry.stamp > now:
             self._predict(step, (odometry.stamp - now) * S_PER_NS, rate, slip)
 
@@ -429,7 +469,7 @@ class Localization:
         outcome = self.filter.take(measurement)
         if new:
             stamp, source, numbers = key_of(measurement)
-            self.monitor.record(source, self.filter.nis, outcome, self.filter.innovation)
+            self.monitor.record(source, self.filter.nis, outcome, self.filter.innovation, stamp)
             if outcome == RELOCATED:
                 self.contradiction = contradiction.with_relocation(self.contradiction, stamp)
             if source.sensor == FIXES:

@@ -12,7 +12,7 @@ GLOBAL_POSE = "global_pose"
 """The first source, which is always there."""
 _MAX_SOURCES = 8
 _MIN_SIGMA, _MAX_SIGMA, _MAX_TIME, _MAX_DELAY = 1e-4, 1e3, 1e4, 60.0
-TOPIC_NAME = re.compile(r"[~/]?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
+_TOPIC_NAME = re.compile(r"[~/]?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
 
 
 @known_fields
@@ -64,7 +64,7 @@ class PoseSources(NamedTuple):
                 "pose_sources", list(names), f"at most {_MAX_SOURCES} different topics, not {GLOBAL_POSE}"
             )
         for name in names:
-            if not TOPIC_NAME.fullmatch(name):
+            if not _TOPIC_NAME.fullmatch(name):
                 raise InvalidValueError("pose_sources", name, "the name of a topic")
         for field, values in zip(self._fields[1:], self[1:], strict=True):
             if len(values) not in (0, len(names)):

@@ -132,7 +132,7 @@ class StateKeeper:
 
         Raises:
             BrokenStateError: if the file does not hold a valid state; it is renamed.
-            DiffbotError: if it cannot be renamed.
+            DiffbotError: if it cannot be renamed; nothing may be saved then, which would overwrite it.
         """
         try:
             saved = load_state(self._path)
@@ -142,7 +142,7 @@ class StateKeeper:
             try:
                 self._path.replace(kept)
             except OSError as failure:
-                raise DiffbotError(f"cannot rename {self._path}: {failure.strerror or failure}") from None
+                raise DiffbotError(f"{error}; it cannot be renamed: {failure.strerror or failure}") from None
             raise BrokenStateError(f"{error}; the file is kept as {kept.name}") from None
         if saved is None:
             return "no state to restore"
@@ -166,7 +166,7 @@ class StateKeeper:
             estimate = self._localization.estimate()
         except BadMessageError:
             return  # no fix yet
-        if estimate.stamp == self._saved or not np.isfinite(estimate.belief.P).all():
+        if estimate.stamp == self._saved or not np.isfinite(estimate.average.P).all():
             return
         found = self._localization.filter
         state = SavedState(estimate.pose, estimate.P, found.wheels(), geometry, found.landmark_errors())

@@ -12,7 +12,6 @@ from diffbot_core.ranges import TIMEOUT
 from diffbot_core.ros.command_parameters import CommandSourceConfig
 from diffbot_core.ros.fault_parameters import FaultConfig
 from diffbot_core.schema import Spec
-from diffbot_sim.model.beams import BeamSimulation
 from diffbot_sim.model.simulator import WorldConfig
 from diffbot_sim.ros.pacing import CLOCKS, LOCKSTEP, SCALED, WALL
 
@@ -34,7 +33,6 @@ class PlantNodeConfig(NamedTuple):
     world: WorldConfig = WorldConfig()
     """without the shared data sheet, see :meth:`simulated`"""
     sheet: SharedSheet = SharedSheet()
-    beams: BeamSimulation = BeamSimulation()
     clock: Annotated[
         str,
         Spec(

@@ -26,7 +26,6 @@ from diffbot_core.kinematics import Twist
 from diffbot_core.ros.node import QUEUE, DiffbotNode
 from diffbot_core.ros.qos import TRANSFORMS
 from diffbot_sim.model.simulator import Arrivals, FixReading, HeadingReading, LandmarkReading, World
-from diffbot_sim.ros.beams import BeamTopics
 from diffbot_sim.ros.dock import DockTopics
 from diffbot_sim.ros.gyro import GyroTopic
 from diffbot_sim.ros.parameters import PlantNodeConfig
@@ -60,7 +59,6 @@ class PlantTopics:
         self._docks = DockTopics(node) if config.world.sensors.detector.detection_rate > 0.0 else None
         self._clouds = node.create_publisher(PointCloud2, "landmarks", QUEUE)
         self._joint_states = node.create_publisher(JointState, "joint_states", QUEUE)
-        self._beams = BeamTopics(node)
         self._gyro = GyroTopic(node)
         self._clocks = node.create_publisher(Clock, "/clock", QUEUE) if config.owns_time() else None
         self._transforms = None
@@ -105,7 +103,6 @@ class PlantTopics:
             self._send_landmarks(stamp, arrivals.landmarks)
         if self._docks is not None:
             self._docks.publish(world, arrivals.detections)
-        self._beams.publish(world)
         self._gyro.publish(world)
         if self._joint_states.get_subscription_count():
             self._send_joint_states(stamp, world)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -170,6 +171,16 @@ class Collector:
         if not math.isfinite(sample.rate + sample.variance):
             raise BadMessageError("measurement not finite")
         self.rates.append(sample)
+
+    def on_measurements(self, measurements: Iterable[Measurement]) -> list[BadMessageError]:
+        """Add the measurements of a message, and return an error for each that the filter would not use."""
+        errors = []
+        for measurement in measurements:
+            try:
+                self.on_measurement(measurement)
+            except BadMessageError as error:
+                errors.append(error)
+        return errors
 
     def on_measurement(self, measurement: Measurement) -> None:
         """Add a measurement; the first fix puts the filter there.

@@ -139,4 +139,4 @@ class FilterRun:
     def _answer(self, odometry: OdometryStep) -> Answer:
         estimate = self.localization.on_odometry(odometry)
         odometry = estimate.odometry or odometry
-        return Answer(estimate, odometry, self.localization.twist_of(odometry)[0])
+        return Answer(estimate, odometry, self.localization.twist_of(estimate, odometry)[0])

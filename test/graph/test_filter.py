@@ -114,6 +114,20 @@ def test_known_wheels_count_in_pose_and_twist_are_kept_across_a_restart_and_forg
     assert "state_file" not in capfd.readouterr().err
 
 
+def test_a_broken_state_file_that_cannot_be_renamed_is_one_error_and_stays_as_it_is(start, tmp_path, capfd):
+    path = tmp_path / "ekf.json"
+    path.write_text("my only copy of something else")
+    # Nothing can be renamed to a folder; root may write into any.
+    (tmp_path / "ekf.json.bad").mkdir()
+    subject = start({"state_file": str(path)})
+    assert subject.start(*START_POSE)[0] == pytest.approx(START_POSE, abs=1e-6)
+    start()
+    assert path.read_text() == "my only copy of something else"
+    errors = [one for one in capfd.readouterr().err.splitlines() if "[ERROR]" in one]
+    assert len(errors) == 1
+    assert f"none will be saved: {path} is no JSON; it cannot be renamed: Is a directory" in errors[0]
+
+
 def cloud(time, points):
     message = timed(PointCloud2(), time)
     message.header.frame_id = "base_link"

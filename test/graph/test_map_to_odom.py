@@ -10,6 +10,7 @@ from robot import pose_stamped
 
 from diffbot_control import ekf_node
 from diffbot_control.ekf_node import EkfNode
+from diffbot_control.filter.belief import ErrorEstimate
 from diffbot_control.ros import tf
 from diffbot_control.ros.messages import conversions as messages
 from diffbot_control.ros.tf import TransformSender
@@ -95,3 +96,34 @@ def test_of_joint_states_it_is_sent_at_the_stamp_of_odom_with_the_estimate_moved
     assert stamp == round((START + late) * SECOND)
     assert estimate == pytest.approx((1.0 + 0.5 * late, 2.0, 0.0), abs=1e-6)
     assert own == pytest.approx((5.0, 6.0, 0.1), abs=1e-12)
+
+
+def test_of_joint_states_the_estimate_is_moved_by_the_corrected_twist(ekf):
+    node, _, sent = ekf({"odometry_source": "joint_states", "wheels_as_configured": 0.0})
+    node._on_sensor("global_pose", fix(START, 1.0, 2.0, 0.0))
+    # Both wheels are known to be 2 % too large.
+    node.localization.filter.set_wheels(ErrorEstimate(np.array([0.02, 0.02, 0.0]), np.diag([1e-8] * 3)))
+    node._on_joint_states(joint_state(START, 10.0, 10.0))
+    node._on_odometry_pose(in_odom(START + 0.5, 5.0, 6.0, 0.1))
+    ((_, estimate, _),) = sent
+    assert estimate == pytest.approx((1.0 + 0.51 * 0.5, 2.0, 0.0), abs=1e-6)
+
+
+@pytest.mark.parametrize("source", ["odom", "joint_states"])
+def test_a_deactivated_ekf_sends_nothing(ekf, source):
+    node, _, sent = ekf({"odometry_source": source})
+    node._on_sensor("global_pose", fix(START, 1.0, 2.0, 0.0))
+
+    def move(time):
+        if source == "joint_states":
+            node._on_joint_states(joint_state(time, 10.0, 10.0))
+            node._on_odometry_pose(in_odom(time, 5.0, 6.0, 0.1))
+        else:
+            node._on_odometry(in_odom(time, 5.0, 6.0, 0.1))
+        return len(sent)
+
+    assert move(START) == 1
+    node.trigger_deactivate()
+    assert move(START + 0.1) == 1
+    node.trigger_activate()
+    assert move(START + 0.2) == 2

@@ -56,10 +56,6 @@ class Measurement(ABC):
     stamp: int
     """[ns]"""
 
-    may_reset: ClassVar[bool] = True
-    """a streak of rejections resets the pose; False where something else may have been measured than what is expected,
-    as an obstacle in front of a wall"""
-
     @property
     @abstractmethod
     def source(self) -> Source:

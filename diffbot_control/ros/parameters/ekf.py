@@ -6,7 +6,6 @@ from typing import Annotated, NamedTuple
 
 from diffbot_control.filter.landmark_map import LandmarkMap
 from diffbot_control.filter.localization_config import LocalizationConfig
-from diffbot_control.filter.wall_map import BeamConfig
 from diffbot_control.ros.frames import PREFIX_TEXT, RELIABLE_TEXT
 from diffbot_control.ros.parameters.dock import DockDetection
 from diffbot_core.errors import InvalidValueError
@@ -101,7 +100,6 @@ class EkfNodeConfig(NamedTuple):
     ] = 0.05
     noise: SensorNoise = SensorNoise()
     landmarks: LandmarkMap = LandmarkMap()
-    beams: BeamConfig = BeamConfig()
     dock: DockDetection = DockDetection()
     state_file: Annotated[
         str,
@@ -143,13 +141,8 @@ class EkfNodeConfig(NamedTuple):
         """Refuse two inputs on one topic.
 
         Raises:
-            InvalidValueError: naming the list that has the second one.
+            InvalidValueError: if a further source of fixes has the topic of another input.
         """
-        taken = set(_TOPICS)
-        for name, topics in (
-            ("pose_sources", self.localization.sources.pose_sources),
-            ("beam_topics", self.beams.map.beam_topics),
-        ):
-            if twice := taken.intersection(topics):
-                raise InvalidValueError(name, list(topics), f"topics of no other input, not {sorted(twice)[0]}")
-            taken.update(topics)
+        topics = self.localization.sources.pose_sources
+        if twice := sorted(set(_TOPICS).intersection(topics)):
+            raise InvalidValueError("pose_sources", list(topics), f"topics of no other input, not {twice[0]}")

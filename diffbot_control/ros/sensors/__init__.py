@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from diffbot_control.ros.parameters.dock import NO_DOCK
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
-from diffbot_control.ros.sensors.beams import beam_sensors
 from diffbot_control.ros.sensors.dock import DockSensor
 from diffbot_control.ros.sensors.fixes import fix_sensors
 from diffbot_control.ros.sensors.gyro import Gyro
@@ -22,4 +21,4 @@ def sensors_of(config: EkfNodeConfig) -> list[Sensor]:
         sensors.append(Gyro(config))
     if config.dock.dock_detection != NO_DOCK:
         sensors.append(DockSensor(config))
-    return [*sensors, *beam_sensors(config)]
+    return sensors

@@ -49,11 +49,8 @@ def fuse(reading: Reading, localization: Localization, drop: Callable[[BadMessag
     """
     if reading.gyro is not None:
         localization.on_gyro(reading.gyro)
-    if len(reading.measurements) == 1:
-        localization.on_measurement(reading.measurements[0])
-        return
-    for measurement in reading.measurements:
-        try:
-            localization.on_measurement(measurement)
-        except BadMessageError as error:
-            drop(error)
+    errors = localization.on_measurements(reading.measurements)
+    for error in errors:
+        if len(reading.measurements) == 1:
+            raise error
+        drop(error)

@@ -8,6 +8,8 @@ import pytest
 from filter_runs import R_FIX, Robot, gated_filter
 
 from diffbot_control.filter.adaptation import Normalised, adapt, new_adaptation, q_scale, r_scales
+from diffbot_control.filter.gate import ACCEPTED
+from diffbot_control.filter.measurements import PositionFix
 from diffbot_core.geometry import Pose
 
 
@@ -79,3 +81,31 @@ def test_the_filter_gives_the_adaptation_each_innovation_by_its_own_deviation():
     S_whole = P + scale @ R_FIX @ scale
     x = np.array([1.0, 2.0, 3.1]) + P @ np.linalg.solve(S_whole, [0.1, -0.2, 2.0 * math.pi - 6.2])
     np.testing.assert_allclose(found.memory.belief.x[:2], x[:2], rtol=1e-9)
+
+
+def test_of_fixes_without_a_heading_only_the_position_is_adapted():
+    rng, full, part = np.random.default_rng(5), new_adaptation(), new_adaptation()
+    for number in range(300):
+        # Every tenth fix has a heading, then two in a row: only those two are a pair.
+        has_heading = number % 10 == 0 or number >= 298
+        x, y, theta = rng.normal(size=3).tolist()
+        before = part
+        full = adapt(full, Normalised(x, y, theta), True)
+        part = adapt(part, Normalised(x, y, theta if has_heading else math.nan), True)
+        assert part.position == full.position
+        assert (part.heading == before.heading) == (number != 299)
+        assert (part.drift.theta == before.drift.theta) == (not has_heading)
+        assert part.drift[:2] == full.drift[:2]
+    assert part.heading.pairs == 1
+
+
+def test_a_heading_is_still_accepted_after_many_fixes_without_one():
+    rng, found = np.random.default_rng(6), gated_filter("ekf_fnn")
+    for _ in range(200):
+        assert found.take(PositionFix(0, *rng.normal(0.0, 0.17, 2).tolist(), R_FIX[:2, :2])) == ACCEPTED
+    sigma = math.sqrt(found.memory.belief.P[2, 2])
+    assert r_scales(found.memory.adaptation)[1] == 1.0
+    # An innovation of three deviations of the heading alone, R_FIX as it is.
+    off = 3.0 * math.hypot(sigma, math.sqrt(R_FIX[2, 2]))
+    x, y = found.memory.belief.x[:2].tolist()
+    assert found.take(replace(Robot(rng).fix(), pose=Pose(x, y, off))) == ACCEPTED

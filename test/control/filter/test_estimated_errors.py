@@ -10,7 +10,11 @@ from filter_runs import R_FIX, SEPARATION, Robot, fix, gated_filter, landmark, n
 from diffbot_control.filter.fix_correlation import correlation_of, new_fix_correlation
 from diffbot_control.filter.gated_filter import GatedFilter
 from diffbot_control.filter.landmark_correlation import NO_PAIRS, Pair, with_pair
+from diffbot_control.filter.localization import Localization
+from diffbot_control.filter.localization_config import LocalizationConfig
+from diffbot_control.filter.odometry import OdometryStep
 from diffbot_control.filter.options import FilterConfig, options_of
+from diffbot_control.ros.messages.ekf import error_values
 from diffbot_core.geometry import Pose
 from diffbot_core.units import NS_PER_S
 
@@ -144,3 +148,58 @@ def test_right_means_give_the_correlation(c):
 @pytest.mark.parametrize(("difference", "motion"), [(40.0, 0.0), (0.2, 1.5)])
 def test_an_outlier_or_a_long_way_has_no_partner(difference, motion):
     assert with_pair(NO_PAIRS, Pair(difference, motion, 1.0, 1.0, 2, 0.4)) == NO_PAIRS
+
+
+def warnings(c, seed, kind, **options):
+    """Drive 40 s at 5 Hz with coloured fixes or landmarks; return all warnings of each second and the localization."""
+    rng = np.random.default_rng([seed, 3])
+    robot, found = Robot(rng, noise=0.06, dt=DT), Localization(LocalizationConfig(filter=FilterConfig(**options)))
+    if kind == "landmarks":
+        found = Localization(found.config, SEPARATION, landmarks=True)
+    robot.truth = np.array((1.0, 0.0, 3.0))
+    found.initialise(Pose(*robot.truth), 0.1 * R_FIX, 0)
+    errors, warned = rng.normal(size=(len(PLACES), 3)), set()
+    for step in range(1, 200):
+        motion, stamp = robot.move(0.5, 0.3), round(step * DT * NS_PER_S)
+        errors = c * errors + math.sqrt(1.0 - c * c) * rng.normal(size=errors.shape)
+        if kind == "fixes":
+            x, y, theta = robot.truth + np.sqrt(R_FIX.diagonal()) * errors[0]
+            found.on_measurement(replace(fix(x, y, wrapped(theta)), stamp=stamp))
+        for place, error in zip(PLACES, errors, strict=True) if kind == "landmarks" else ():
+            seen = landmark(robot.truth, place, np.diag(SIGMAS**2))
+            distance, bearing = (numbers_of(seen) + SIGMAS * error[:2]).tolist()
+            found.on_measurement(replace(seen, stamp=stamp, range=distance, bearing=wrapped(bearing)))
+        found.on_odometry(OdometryStep(stamp, motion.twist, motion.covariance))
+        if step % 5 == 0:
+            warned.update(found.correlated())
+    return warned, found
+
+
+def lasting(c):
+    """Return the time [s] after which a share ``c`` of an error is left from one measurement to the next."""
+    return -DT / math.log(c)
+
+
+@pytest.mark.parametrize("c", [0.5, 0.95])
+@pytest.mark.parametrize("kind", ["fixes", "landmarks"])
+def test_it_warns_of_correlated_errors_only_if_it_does_not_allow_for_them(kind, c):
+    given = "fix_correlation_time" if kind == "fixes" else "landmark_correlation_time"
+    for seed in range(2 if kind == "fixes" else 1):
+        warned, found = warnings(c, seed, kind)
+        assert warned == set(), "found"
+        values = found.monitor.values() | error_values(found.filter)
+        assert float(values[f"autocorrelation of {kind}"]) > 0.6 * c
+        if kind == "fixes":
+            assert float(values["correlation of neighbouring fixes found"]) == pytest.approx(c, abs=0.1)
+        else:
+            assert math.exp(-DT / float(values["correlation time of landmarks found"])) == pytest.approx(c, abs=0.1)
+        assert warnings(c, seed, kind, **{given: lasting(c)})[0] == set(), "given"
+        assert warnings(c, seed, kind, detect_correlation=False)[0] == {kind}
+        if c > 0.5:
+            assert warnings(c, seed, kind, **{given: lasting(0.3)})[0] == {kind}, "given as too short"
+
+
+@pytest.mark.parametrize("variant", ["ekf_fnn", "ekf_fnn_calibrating"])
+def test_variants_that_do_not_look_for_the_correlation_warn_of_it(variant):
+    assert warnings(0.5, 0, "fixes", filter=variant)[0] == {"fixes"}
+    assert warnings(0.0, 0, "fixes", filter=variant)[0] == set()

@@ -150,16 +150,17 @@ def test_the_twist_has_the_turn_rate_of_the_gyro():
     found = started()
     wheels = OdometryStep(STEP, Twist(0.5, 0.1), TwistCovariance(1e-4, 0.0, 0.09))
     found.on_gyro(GyroSample(STEP, 0.4, 0.01))
-    found.on_odometry(wheels)
-    twist, covariance = found.twist_of(wheels)
-    bias = found.filter.gyro_bias().errors.item()
-    corrected = found.filter.corrected_twist(wheels.twist)
+    estimate = found.on_odometry(wheels)
+    twist, covariance = found.twist_of(estimate, wheels)
+    bias = estimate.average.x[-1]
+    corrected = found.filter.corrected_twist(wheels.twist, estimate.average.x)
     assert twist.v == pytest.approx(corrected.v)
     assert twist.omega == pytest.approx((0.01 * corrected.omega + 0.09 * (0.4 - bias)) / 0.1)
     assert covariance.var_omega == pytest.approx(0.09 * 0.01 / 0.1)
     without = OdometryStep(2 * STEP, wheels.twist, wheels.covariance)
-    found.on_odometry(without)
-    assert found.twist_of(without) == (found.filter.corrected_twist(wheels.twist), wheels.covariance)
+    estimate = found.on_odometry(without)
+    corrected = found.filter.corrected_twist(wheels.twist, estimate.average.x)
+    assert found.twist_of(estimate, without) == (corrected, wheels.covariance)
 
 
 def refused(found, sample, message):

@@ -45,7 +45,7 @@ def innovations(rng, count, rho=0.0, factor=1.0):
 
 def whiteness(found):
     sources, innovations = zip(*found, strict=True) if found else ((), ())
-    return whiteness_of(zip(sources, whitened(innovations), strict=True))
+    return whiteness_of(zip(sources, range(len(sources)), whitened(innovations), strict=True))
 
 
 @pytest.mark.parametrize(("rho", "factor"), [(0.0, 1.0), (0.9, 0.1), (0.9, 10.0)])
@@ -63,10 +63,14 @@ def test_only_innovations_of_one_source_are_compared():
     for number in range(100):
         source = number % 2
         y = np.array([0.2, 0.2]) * (1.0 if source else -1.0) + rng.normal(0.0, 0.05, 2)
-        monitor.record(Source(LANDMARKS, (source,)), 2.0, ACCEPTED, Innovation(y, 0.04 * np.eye(2)))
+        # Seen in turn every 0.1 s, the second one 0.03 s early each time; one message overtakes another.
+        stamp = 100 * number - 30 * source + (-450 if number == 50 else 0)
+        innovation = Innovation(y, 0.04 * np.eye(2))
+        monitor.record(Source(LANDMARKS, (source,)), 2.0, ACCEPTED, innovation, stamp * 10**6)
     found = monitor.whiteness()
     assert set(found) == {LANDMARKS}
     assert found[LANDMARKS].correlation > 0.8
+    assert sorted(found[LANDMARKS].periods) == pytest.approx([0.2] * 96 + [0.25, 0.65])
 
 
 def test_only_accepted_measurements_count_and_a_relocation_starts_anew():

@@ -5,13 +5,16 @@ import math
 
 import numpy as np
 import pytest
-from filter_runs import build_measurement, numbers_of, odometry_step
+from filter_runs import R_FIX, build_measurement, numbers_of, odometry_step
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from diffbot_control.filter.gyro import GyroSample
 from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.localization_config import LocalizationConfig
-from diffbot_control.filter.options import FilterConfig
+from diffbot_control.filter.measurements.measurement import key_of
+from diffbot_control.filter.options import FILTERS, FilterConfig
+from diffbot_control.ros.sensors.sensor import Reading, fuse
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
@@ -241,3 +244,90 @@ def test_history_and_keys_do_not_grow_for_ever_whatever_stamp_comes_far_ahead():
     # Sent again within the history, each is still known.
     with pytest.raises(BadMessageError, match="duplicate"):
         localization.on_measurement(build_measurement(109 * PERIOD + MS, np.zeros(1), blind))
+
+
+def landmark_run(**options):
+    """Return a filter of landmarks and a gyro after three seconds of driving with fixes."""
+    config = FilterConfig(use_gyro=True, **options)
+    found = Localization(LocalizationConfig(filter=config), landmarks=True)
+    found.initialise(START, P0, 0)
+    for number in range(1, 31):
+        found.on_gyro(GyroSample(number * PERIOD, 0.7, 1e-4))
+        if number % 5 == 0:
+            found.on_measurement(fix(number * PERIOD - 30 * MS))
+        found.on_odometry(odometry(number))
+    return found
+
+
+def cloud(stamp, pose, count, misread=0):
+    """Return the measurements of ``count`` landmarks from ``pose``, the first ``misread`` of them far too long."""
+    rng, found = np.random.default_rng([stamp, count]), []
+    for index in range(count):
+        point = 9.0 * math.cos(2.4 * index), 9.0 * math.sin(2.4 * index)
+        dx, dy = point[0] - pose[0], point[1] - pose[1]
+        z = np.array([math.hypot(dx, dy), math.remainder(math.atan2(dy, dx) - pose[2], math.tau)])
+        z += rng.normal(0.0, 0.02, 2)
+        z[0] += 5.0 * (index < misread)
+        found.append(build_measurement(stamp, z, np.diag([4e-4, 4e-4]), point))
+    return sorted(found, key=key_of)
+
+
+def assert_same_state(one, other):
+    assert one.estimate().pose == other.estimate().pose
+    for found, expected in zip(one.filter.memory.belief, other.filter.memory.belief, strict=True):
+        np.testing.assert_array_equal(found, expected)
+    assert one.filter.memory.gate == other.filter.memory.gate
+    assert one.filter.memory.landmarks.means == other.filter.memory.landmarks.means
+    assert one.monitor.values() == other.monitor.values()
+    assert one.contradiction == other.contradiction
+
+
+@pytest.mark.parametrize("variant", FILTERS)
+@pytest.mark.parametrize("late_ms", [0, 250, 330])
+def test_a_late_cloud_gives_the_same_bits_as_its_landmarks_one_by_one(variant, late_ms):
+    whole, one_by_one = (landmark_run(filter=variant, relocation_timeout=0.25) for _ in range(2))
+    for number in range(30, 45):
+        stamp = number * PERIOD - late_ms * MS
+        # Nothing but misread ranges for so long resets the pose.
+        measured = cloud(stamp, whole.estimate().pose, 12, misread=12 if 33 <= number < 38 else 1)
+        assert whole.on_measurements(measured) == []
+        for one in measured:
+            one_by_one.on_measurement(one)
+        assert_same_state(whole, one_by_one)
+        for found in (whole, one_by_one):
+            found.on_gyro(GyroSample((number + 1) * PERIOD, 0.7, 1e-4))
+            found.on_odometry(odometry(number + 1))
+    assert_same_state(whole, one_by_one)
+    assert whole.monitor.sensors["landmarks"].rejected > 15
+    assert whole.monitor.sensors["landmarks"].relocated > 0
+
+
+def test_the_estimate_does_not_depend_on_the_order_in_a_late_message():
+    measured = cloud(27 * PERIOD, (1.0, 2.0, 3.0), 12)
+    forwards, backwards = landmark_run(), landmark_run()
+    forwards.on_measurements([*measured, fix(25 * PERIOD)])
+    backwards.on_measurements([fix(25 * PERIOD), *reversed(measured)])
+    assert_same_state(forwards, backwards)
+
+
+def test_each_bad_measurement_of_a_late_message_is_dropped_and_the_others_are_fused():
+    found, clean = landmark_run(), landmark_run()
+    good, old = cloud(28 * PERIOD, (1.0, 2.0, 3.0), 4), cloud(PERIOD, (1.0, 2.0, 3.0), 1)
+    broken = build_measurement(28 * PERIOD, np.array([math.nan, 0.1]), R_FIX[:2, :2], (1.0, 1.0))
+    errors = found.on_measurements([good[0], broken, good[1], *old, good[0], *good[2:]])
+    assert [one.kind for one in errors] == ["measurement not finite", "too old", "duplicate"]
+    assert clean.on_measurements(good) == []
+    assert_same_state(found, clean)
+
+
+def test_a_late_message_repeats_the_history_once():
+    found, predicted = landmark_run(), []
+    predict = found.filter.predict
+    found.filter.predict = lambda *motion: (predicted.append(motion), predict(*motion))
+    dropped = []
+    fuse(Reading(cloud(29 * PERIOD - 50 * MS, (1.0, 2.0, 3.0), 100)), found, dropped.append)
+    # The step that the stamp is in has two parts, and so has the next, in which there is a fix.
+    assert (len(predicted), dropped) == (4, [])
+    predicted.clear()
+    found.on_gyro(GyroSample(28 * PERIOD - 50 * MS, 0.7, 1e-4))
+    assert len(predicted) == 5

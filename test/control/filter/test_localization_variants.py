@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from diffbot_control.filter.adaptation import new_adaptation
 from diffbot_control.filter.belief import ErrorEstimate
 from diffbot_control.filter.gate import new_gate
+from diffbot_control.filter.gyro import GyroSample
 from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.localization_config import LocalizationConfig
 from diffbot_control.filter.measurements import Heading, LandmarkMeasurement, PoseFix
@@ -163,7 +164,7 @@ def test_a_new_pose_keeps_wheels_and_adaptation_and_a_reset_forgets_both_and_nei
         assert made.filter.memory.gate == new_gate()
         assert made.monitor.nis() is None
         if made.initialised:
-            x, whole = made.estimate().belief
+            x, whole = made.filter.memory.belief
             np.testing.assert_array_equal(x, [7.0, 8.0, -1.0, *wheels])
             np.testing.assert_array_equal(whole[3:, 3:], P)
             assert not whole[3:, :3].any()
@@ -181,7 +182,7 @@ def test_wheel_separation_and_walk_can_be_changed_at_runtime():
     found = made.on_odometry(odometry(1, 1.0, 0.0))
     # The right wheel is 10 % larger: 0.1 m/s / 0.3 m for 0.1 s.
     assert found.pose.theta == pytest.approx(3.0 + 0.1 / 0.3 * 0.1)
-    assert found.belief.P[4, 4] == pytest.approx(1e-6 + 0.05**2 * 0.1)
+    assert made.filter.memory.belief.P[4, 4] == pytest.approx(1e-6 + 0.05**2 * 0.1)
 
 
 def test_what_waits_since_before_the_first_odometry_is_dropped_and_counted():
@@ -192,3 +193,25 @@ def test_what_waits_since_before_the_first_odometry_is_dropped_and_counted():
     made.on_odometry(odometry(1))
     assert made.dropped_before_odometry == 5
     assert made.estimate().pose == (0.0, 0.0, 3.0)
+
+
+@pytest.mark.parametrize("as_configured", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("use_gyro", [False, True])
+def test_the_pose_moves_by_the_twist_whatever_the_probability_of_errors(as_configured, use_gyro):
+    made = localization("ekf_calibrating", wheels_as_configured=as_configured, wheel_radius_walk=0.0, use_gyro=use_gyro)
+    # Smaller than the deviations at the start, and large enough that both hypotheses count.
+    errors = np.array([0.006, 0.008, 0.01])
+    made.filter.set_wheels(ErrorEstimate(errors, np.diag([0.005, 0.005, 0.01]) ** 2))
+    if use_gyro:
+        made.on_gyro(GyroSample(PERIOD, 0.7, 1e-4))
+    before, step = made.estimate(), odometry(1)
+    after = made.on_odometry(step)
+    twist, _ = made.twist_of(after, step)
+    middle = before.pose.theta + 0.05 * twist.omega
+    way = 0.1 * twist.v * np.array([math.cos(middle), math.sin(middle)])
+    np.testing.assert_allclose(np.subtract(after.pose[:2], before.pose[:2]), way, atol=2e-6)
+    assert after.pose.theta - before.pose.theta == pytest.approx(0.1 * twist.omega, abs=2e-6)
+    share = after.average.x[3:6] / made.filter.memory.belief.x[3:6]
+    low, high = {0.0: (1.0, 1.0), 0.5: (0.2, 0.8), 1.0: (0.0, 0.0)}[as_configured]
+    assert (share >= low - 1e-9).all()
+    assert (share <= high + 1e-9).all()

@@ -83,7 +83,7 @@ def drive(config, rng):
             estimate = localization.on_odometry(given)
         except BadMessageError:
             continue
-        twist, covariance = localization.twist_of(given)
+        twist, covariance = localization.twist_of(estimate, given)
         texts = " ".join((localization.monitor.values() | error_values(localization.filter)).values())
         yield (estimate.pose, estimate.P, uncertainty_of(estimate.P), twist, covariance), texts
 

@@ -1,4 +1,4 @@
-"""Sensors of the ekf: which covariance is used, and which ranges are echoes."""
+"""Sensors of the ekf: which covariance is used, and which messages are refused."""
 
 import math
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from filter_input import fix, heading, timed
 from geometry_msgs.msg import PoseStamped
-from sensor_msgs.msg import Imu, Range
+from sensor_msgs.msg import Imu
 
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_control.ros.sensors import sensors_of
@@ -14,55 +14,35 @@ from diffbot_core.errors import BadMessageError, InvalidValueError
 from diffbot_core.geometry import Pose
 from diffbot_core.schema import build
 
-NOISE = {"global_pose_sigma_xy": 0.3, "global_pose_sigma_yaw": 0.1, "heading_sigma": 0.2, "beam_sigma": 0.05}
-ROOM = {"wall_x1": [5.0], "wall_y1": [-9.0], "wall_x2": [5.0], "wall_y2": [9.0]}
-BEAM = {"beam_topics": ["front"], "beam_x": [0.2], "beam_y": [0.1], "beam_yaw": [0.5]}
+NOISE = {"global_pose_sigma_xy": 0.3, "global_pose_sigma_yaw": 0.1, "heading_sigma": 0.2}
 
 
 def sensors(**values):
-    return {one.topic: one for one in sensors_of(build(EkfNodeConfig, {**ROOM, **BEAM, **values}))}
+    return {one.topic: one for one in sensors_of(build(EkfNodeConfig, values))}
 
 
-def beam(distance, variance=0.01):
-    message = timed(Range(range=distance, min_range=0.1, max_range=8.0), 5.0)
-    message.variance = variance
-    return message
-
-
-@pytest.mark.parametrize("taken", ["global_pose", "heading", "odom", "gps"])
+@pytest.mark.parametrize("taken", ["heading", "odom", "detected_dock_pose"])
 def test_two_inputs_cannot_have_one_topic(taken):
-    with pytest.raises(InvalidValueError, match=rf"beam_topics = \['{taken}'\]: must be topics of no other input"):
-        sensors(pose_sources=["gps"], beam_topics=[taken])
-    with pytest.raises(InvalidValueError, match="pose_sources"):
-        sensors(pose_sources=["heading"])
+    expected = rf"pose_sources = \['gps', '{taken}'\]: must be topics of no other input, not {taken}"
+    with pytest.raises(InvalidValueError, match=expected):
+        sensors(pose_sources=["gps", taken])
 
 
 def test_an_unknown_covariance_is_that_of_the_parameters_and_is_named():
     known, found = sensors(), sensors(**NOISE)
-    without_pose, without_heading, without_range = fix(), heading(), beam(3.0, 0.0)
+    without_pose, without_heading = fix(), heading()
     without_pose.pose.covariance[:] = 0.0
     without_heading.orientation_covariance[:] = 0.0
-    messages = {"global_pose": without_pose, "heading": without_heading, "front": without_range}
-    expected = {"global_pose": [0.09, 0.09, 0.01], "heading": [0.04], "front": [0.0025]}
+    messages = {"global_pose": without_pose, "heading": without_heading}
+    expected = {"global_pose": [0.09, 0.09, 0.01], "heading": [0.04]}
     for topic, message in messages.items():
         (measured,), uses_fallback, *_ = found[topic].read(message)
         assert uses_fallback
         np.testing.assert_allclose(measured.R, np.diag(expected[topic]))
         with pytest.raises(BadMessageError, match="covariance is zero"):
             known[topic].read(message)
-    for topic, message in {"global_pose": fix(), "heading": heading(), "front": beam(3.0)}.items():
+    for topic, message in {"global_pose": fix(), "heading": heading()}.items():
         assert not found[topic].read(message).uses_fallback
-
-
-@pytest.mark.parametrize(
-    ("distance", "is_echo"), [(0.1, True), (8.0, True), (0.09, False), (8.1, False), (math.inf, False)]
-)
-def test_a_range_outside_of_what_the_sensor_can_measure_is_no_echo(distance, is_echo):
-    found = sensors()["front"].read(beam(distance)).measurements
-    assert len(found) == is_echo
-    for one in found:
-        assert (one.range, one.beam, one.stamp) == (pytest.approx(distance), Pose(0.2, 0.1, 0.5), 5 * 10**9)
-        np.testing.assert_allclose(one.R, [[0.01]], rtol=1e-6)
 
 
 def imu(rate=0.5, variance=4e-4):

@@ -1,4 +1,4 @@
-"""Absolute measurements and beams: when they come, how wrong they are, and how often they fail."""
+"""Absolute measurements: when they come, how wrong they are, and how often they fail."""
 
 import math
 
@@ -7,10 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from diffbot_control.filter.wall_map import WallMap
 from diffbot_core.geometry import Pose
 from diffbot_sim.model import sensors
-from diffbot_sim.model.beams import MIN_RANGE, BeamSimulation, measured_range, true_range
 from diffbot_sim.model.philox import Draw, NoiseKey, draw
 from diffbot_sim.model.sensors import NO_ERRORS, SensorConfig
 
@@ -60,18 +58,14 @@ def assert_uniform(errors, *bounds):
 
 def test_errors_are_uniform_within_their_bounds_and_independent_of_each_other():
     config = SensorConfig(eps_x_max=0.3, eps_y_max=0.2, eps_theta_max=0.17, gyro_error_max=0.04, gyro_bias=-0.1)
-    beams, errors = BeamSimulation(beam_error_max=0.2), []
+    errors = []
     for step, noise in enumerate(noises()):
         fix, key = sensors.measured_pose(TRUTH, noise, config), NoiseKey(12, 0, step)
         turns = fix.theta - 3.1, sensors.measured_heading(TRUTH, noise, config) - 3.1
-        rates = (
-            sensors.turn_rate_at(key, 0.7, config) - 0.7 + 0.1,
-            *(measured_range(key, i, 4.0, beams) - 4.0 for i in (0, 1)),
-        )
-        errors.append((fix.x - 4.0, fix.y + 3.0, *(math.remainder(one, math.tau) for one in turns), *rates))
+        rate = sensors.turn_rate_at(key, 0.7, config) - 0.7 + 0.1
+        errors.append((fix.x - 4.0, fix.y + 3.0, *(math.remainder(one, math.tau) for one in turns), rate))
         assert -math.pi < fix.theta <= math.pi
-    assert_uniform(errors, 0.3, 0.2, 0.17, 0.087, 0.04, 0.2, 0.2)
-    assert beams.variance() == pytest.approx(0.2**2 / 3.0)
+    assert_uniform(errors, 0.3, 0.2, 0.17, 0.087, 0.04)
 
 
 @pytest.mark.parametrize(("x", "y", "share"), [(0.0, 0.0, 0.0), (0.3, -0.4, 0.25), (-2.0, 0.0, 1.0), (9.0, 9.0, 1.0)])
@@ -135,28 +129,3 @@ def test_the_random_delay_is_uniform_and_changes_neither_the_errors_nor_their_nu
 def test_turn_rates_come_at_their_rate_over_the_steps_before():
     assert not sensors.turn_rate_due(0, SensorConfig(gyro_rate=10.0), 0.1)
     assert [step for step in range(7) if sensors.turn_rate_due(step, SensorConfig(gyro_rate=5.0), 0.1)] == [2, 4, 6]
-
-
-WALLS = WallMap((3.0, 5.0), (-1.0, -9.0), (3.0, 5.0), (1.0, 9.0)).walls()
-
-
-@pytest.mark.parametrize(
-    ("pose", "beam", "expected"),
-    [
-        (Pose(0.0, 0.0, 0.0), Pose(0.0, 0.0, 0.0), 3.0),
-        (Pose(0.0, 0.0, 0.5), Pose(0.5, 0.0, -0.5), 3.0 - 0.5 * math.cos(0.5)),
-        (Pose(0.0, 1.5, 0.0), Pose(0.0, 0.0, 0.0), 5.0),
-        (Pose(4.0, 0.0, math.pi), Pose(0.0, 0.0, 0.0), 1.0),
-        (Pose(6.0, 0.0, 0.0), Pose(0.0, 0.0, 0.0), math.inf),
-    ],
-)
-def test_the_true_range_by_hand(pose, beam, expected):
-    assert true_range(pose, beam, WALLS) == pytest.approx(expected)
-
-
-def test_there_is_no_echo_from_beyond_the_range_and_none_is_nearer_than_the_least():
-    config = BeamSimulation(beam_error_max=0.1, beam_max_range=8.0)
-    key = NoiseKey(1, 0, 0)
-    assert measured_range(key, 0, 8.01, config) == math.inf
-    assert math.isfinite(measured_range(key, 0, 7.99, config))
-    assert min(measured_range(NoiseKey(1, 0, step), 0, 0.01, config) for step in range(50)) == MIN_RANGE

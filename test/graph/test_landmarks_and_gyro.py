@@ -1,4 +1,4 @@
-"""Beams and a gyro from the plant to the estimate, which stays while that of the wheels is lost."""
+"""Landmarks and a gyro from the plant to the estimate, which stays while that of the wheels is lost."""
 
 import numpy as np
 import one_process
@@ -12,19 +12,17 @@ from sensor_msgs.msg import Imu
 from diffbot_control.ekf_node import EkfNode
 from diffbot_core.geometry import Pose, out_of_frame
 
-ROOM = {"wall_x1": [-5.0, -5.0, 5.0, -5.0], "wall_y1": [-5.0, 5.0, 5.0, -5.0]}
-ROOM |= {"wall_x2": [5.0, 5.0, 5.0, -5.0], "wall_y2": [-5.0, 5.0, -5.0, 5.0]}
-ROOM |= {"beam_topics": ["range/front", "range/left"]}
-ROOM |= {"beam_x": [0.2, 0.0], "beam_y": [0.0, 0.1], "beam_yaw": [0.0, 1.5]}
+MAP = {"landmark_ids": [1, 2, 3], "landmark_x": [5.0, 5.0, -5.0], "landmark_y": [5.0, -5.0, 0.0]}
 BEGIN = Pose(-2.0, -1.0, 0.3)
 PLANT = {"initial_pose.x": BEGIN.x, "initial_pose.y": BEGIN.y, "initial_pose.yaw": BEGIN.theta, "fix_rate": 0.0}
 PLANT |= {"slip_left": 0.6, "slip_start": 2.0, "slip_duration": 3.0, "gyro_rate": 10.0, "gyro_bias": 0.03}
+PLANT |= {"landmark_rate": 10.0}
 STEPS = 200
 """20 s"""
 
 
-def test_walls_and_a_gyro_keep_the_estimate_while_a_wheel_slips_and_find_the_bias():
-    with inside({**PLANT, **ROOM, "beam_max_range": 15.0}, {**ROOM, "use_gyro": True}) as robot:
+def test_landmarks_and_a_gyro_keep_the_estimate_while_a_wheel_slips_and_find_the_bias():
+    with inside({**PLANT, **MAP}, {**MAP, "use_gyro": True}) as robot:
         measured = robot.peer.subscribe(Odometry, "odom", DEEP)
         poses = robot.peer.publisher(PoseWithCovarianceStamped, "initialpose")
         robot.peer.wait_for_subscribers(poses)
@@ -40,7 +38,7 @@ def test_walls_and_a_gyro_keep_the_estimate_while_a_wheel_slips_and_find_the_bia
     assert len(errors) > 0.9 * STEPS
     assert np.mean(errors) < 0.05
     assert np.mean(lost) > 3.0 * np.mean(errors)
-    assert int(report["range/front received"]) > 0.9 * STEPS
+    assert int(report["landmarks received"]) > 0.9 * STEPS
     assert int(report["imu received"]) > 0.9 * STEPS
     bias, deviation = (float(one) for one in report["gyro bias"].split(" +- "))
     assert abs(bias - 0.03) < 4.0 * deviation < 0.03
