@@ -53,7 +53,7 @@ def test_replay_passes_bags_and_flags_on_as_parameters(kept_signal_handlers, mon
 def test_a_name_that_no_node_has_is_an_error_in_one_line(kept_signal_handlers, capsys):
     assert cli.main(["goal", "-1", "-2", "0", "--controller", "a b"]) == 1
     written = capsys.readouterr().err
-    assert written.startswith("diffbot: --controller ")
+    assert written.startswith("diffbot: namespace '', controller 'a b': ")
     assert written.count("\n") == 1
 
 

@@ -124,7 +124,7 @@ def test_bad_values_end_in_one_line_before_the_runs(
     ("arguments", "error"),
     [
         ([], "the following arguments are required: PART"),
-        (["animate"], "'animate': must be "),
+        (["animate"], "invalid choice: 'animate'"),
         (["localization", "--law", "graceful"], "unrecognized arguments: --law graceful"),
         (["localization", "--case", "mix"], "unrecognized arguments: --case mix"),
         (["docking", "--tuning", "tuning.json"], "unrecognized arguments: --tuning tuning.json"),

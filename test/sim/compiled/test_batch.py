@@ -270,7 +270,7 @@ def test_the_box_is_filled_evenly():
         (
             case_of(feedback="ekf")._replace(filter=options_of(FilterConfig(fix_correlation_time=1.0))),
             [START],
-            "correlation times = (1.0, 0.0, 0.0): must be 0 in a batch",
+            "correlation times = CorrelationTimes(headings=0.0, landmarks=0.0, fixes=1.0): must be 0 in a batch",
         ),
         (
             case_of()._replace(filter=options_of(FilterConfig(use_gyro=True))),
