@@ -111,7 +111,7 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         return recording
 
     def _work(self) -> list[tuple[float, Callable[[], None]]]:
-        """Return period [s] and function of what is done regularly."""
+        """Return the period [s] and the function of each regular task."""
         config, writer = self.config, self._writer
         work = [
             (config.topic_polling_interval, self.update_subscriptions),

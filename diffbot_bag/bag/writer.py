@@ -160,7 +160,7 @@ class BagWriter:
         return channel in self._latched
 
     def note_publishers(self, channel: int, count: int) -> None:
-        """Take note of how many publishers a topic has: so many latched messages may count at a time."""
+        """Set the number of publishers of a topic, which is the number of latched messages to keep."""
         if (latched := self._latched.get(channel)) is not None:
             latched.publishers = max(latched.publishers, count)
 

@@ -43,13 +43,13 @@ class Recording:
 
     @property
     def waits_for_clock(self) -> bool:
-        """Whether no simulated time was received yet."""
+        """True until the first message on /clock, and while messages are held for it."""
         return self._now is not None and (self.held > 0 or self._now() == 0)
 
     def accept(self, channel: int, data: bytes, received: int, published: int, number: int) -> str:
-        """Take a message that was received; times in [ns]. Return why it is not recorded, empty if it is.
+        """Record a received message, with times in [ns]. Return why it is not recorded, or an empty text if it is.
 
-        Latched messages are recorded during a pause, too: what follows cannot be understood without them.
+        Latched messages are recorded during a pause, too, since later messages cannot be understood without them.
         """
         if self.is_paused and not self._writer.is_latched(channel):
             return PAUSED
@@ -69,6 +69,6 @@ class Recording:
             self._writer.write(*timed.at(timed.received))
 
     def tick(self) -> None:
-        """Release what was held once there is a simulated time; to be called now and then."""
+        """Record the held messages once there is a simulated time. Call this regularly."""
         if self._held and self._now is not None and (now := self._now()):
             self.release(now)
