@@ -1,12 +1,9 @@
-"""The last message of a topic, such as the command to stop, is published until every reader has received it.
-
-What a reader has not received when the publisher is destroyed, it never receives.
-"""
+"""Before a publisher is destroyed, its readers get time to receive what was published: afterwards they never will."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from rclpy.duration import Duration
@@ -15,6 +12,8 @@ from rclpy.qos import ReliabilityPolicy
 
 TIMEOUT = 1.0
 """[s] for reliable readers to acknowledge the message; one that is held up for longer must not keep the node alive"""
+PATIENCE = 1.5
+"""[s] for reliable readers to receive what a node published before its end"""
 REPEATS = 6
 """times the message is published where delivery is best effort, which nobody acknowledges"""
 _RESEND_PERIOD = 0.1
@@ -42,6 +41,14 @@ def deliver(node: Node, publisher: Any, publish: Callable[[], None]) -> bool:
             return acknowledged
         if acknowledged:
             time.sleep(_REPEAT_PERIOD)
+
+
+def await_readers(nodes: Iterable[Node]) -> None:
+    """Wait until all reliable readers have what the nodes published, PATIENCE [s] at most in total."""
+    deadline = time.monotonic() + PATIENCE
+    for node in nodes:
+        for publisher in node.publishers:
+            publisher.wait_for_all_acked(Duration(seconds=max(0.0, deadline - time.monotonic())))
 
 
 def _is_best_effort(node: Node, topic: str) -> bool:

@@ -25,6 +25,7 @@ from diffbot_core.health import DROP_MEMORY, Health
 from diffbot_core.parameter_files import GivenFiles
 from diffbot_core.ros.base_node import BaseNode
 from diffbot_core.ros.clock_watch import ClockWatch
+from diffbot_core.ros.delivery import await_readers
 from diffbot_core.ros.fault_parameters import FaultConfig
 from diffbot_core.ros.faults import FaultRecord, is_refusal, one_line
 from diffbot_core.ros.forced_exit import forced_exit
@@ -314,6 +315,7 @@ def _destroy(nodes: list[DiffbotNode[Any]], failed: bool) -> None:
         last_first.callback(rclpy.try_shutdown)
         for node in nodes:
             last_first.callback(node.destroy_node)
+        last_first.callback(await_readers, nodes)
 
 
 def _spin(nodes: list[DiffbotNode[Any]], stop: StopFlag) -> None:

@@ -41,6 +41,8 @@ RECORDED_TOPICS = (
     "odometry/filtered",
     "pose",
 )
+_KEPT = 1000
+"""messages that each publisher keeps for a recorder that is held up: more than a drive has of one topic"""
 _READY_TIMEOUT = 150.0
 """[s] a busy machine starts six processes slowly; one that ends is noticed at once"""
 _BAR = "{desc:<28}{percentage:3.0f}%|{bar}| {elapsed}"
@@ -165,14 +167,15 @@ def _start_nodes(options: DemoOptions, folder: Path, nodes: NodeProcesses) -> su
         "diffbot_bag.recorder_node",
         {"uri": str((folder / "bag").resolve()), "topics": list(RECORDED_TOPICS), **simulated},
     )
-    plant = {"clock": _clock(options), "seed": options.seed, "start_paused": True}
+    kept = {f"qos_overrides./{topic}.publisher.depth": _KEPT for topic in (*RECORDED_TOPICS, "clock")}
+    plant = {"clock": _clock(options), "seed": options.seed, "start_paused": True, **kept}
     nodes.start("plant", "diffbot_sim.plant_node", plant)
     lockstep = {"reliable_inputs": _clock(options) == "lockstep"}
-    nodes.start("ekf", "diffbot_control.ekf_node", {**lockstep, **simulated})
+    nodes.start("ekf", "diffbot_control.ekf_node", {**lockstep, **simulated, **kept})
     nodes.start(
         "controller",
         "diffbot_control.controller_node",
-        {"publish_when_idle": True, "preset": options.preset, **lockstep, **simulated},
+        {"publish_when_idle": True, "preset": options.preset, **lockstep, **simulated, **kept},
     )
     if options.watch:
         page = nodes.start(

@@ -12,6 +12,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
+from rclpy.duration import Duration
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool
 
@@ -23,6 +24,8 @@ from diffbot_tools.demo.mission import Mission
 from diffbot_tools.demo.parameters import DemoNodeConfig
 
 _PERIOD = 0.05
+_RECORDER_PATIENCE = 10.0
+"""[s] at the end, for a recorder that is held up to receive the goals; with the last node its messages are gone"""
 _READY_TICKS = 10
 """Consecutive ticks with a ready graph: the two ends of a connection discover each other at different times."""
 
@@ -103,6 +106,7 @@ class DemoNode(DiffbotNode[DemoNodeConfig]):
             future.add_done_callback(lambda _: self._end())
 
     def _end(self) -> None:
+        self._goals.wait_for_all_acked(Duration(seconds=_RECORDER_PATIENCE))
         self._phase = "done"
         self._report_progress()
         self.finish(2 if self.mission.gave_up else 0)
