@@ -19,7 +19,7 @@ RUN apt-get update \
     && rosdep install --from-paths src --ignore-src --dependency-types exec -y \
     && rm -rf /var/lib/apt/lists/*
 # Of the pins only those of these packages: apt's numpy and scipy stay.
-RUN grep -E '^(filterpy|lz4|mcap|mcap-ros2-support|websockets|zstandard)==' src/diffbot/constraints.txt > pip.txt \
+RUN grep -E '^(filterpy|mcap|platformdirs|rosbags|websockets)==' src/diffbot/constraints.txt > pip.txt \
     && pip install --no-cache-dir --break-system-packages --requirement pip.txt
 
 COPY . src/diffbot/

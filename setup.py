@@ -11,21 +11,18 @@ from distutils.command.install_data import install_data  # isort: skip
 NAME = "diffbot"
 """of the ROS package"""
 DISTRIBUTION = "diffbot-ros"
-"""name for pip: the index has another diffbot; see diffbot_core/distribution.py"""
+"""name for pip: the index has another diffbot; see diffbot_core/installed.py"""
 EXECUTABLES = {
-    "controller_node": "diffbot_control.executables:controller_node",
-    "ekf_node": "diffbot_control.executables:ekf_node",
-    "plant_node": "diffbot_sim.executables:plant_node",
-    "docking_node": "diffbot_control.executables:docking_node",
-    "robot_node": "diffbot_control.executables:robot_node",
-    "recorder_node": "diffbot_bag.executables:recorder_node",
-    "replay_node": "diffbot_bag.executables:replay_node",
-    "diffbot": "diffbot_tools.executables:diffbot",
+    name: f"diffbot.executables:{name}"
+    for name in (
+        *("controller_node", "docking_node", "ekf_node", "plant_node", "recorder_node", "replay_node", "robot_node"),
+        "diffbot",
+    )
 }
 LAWS = {
-    "switching": "diffbot_control.law.controller:SwitchingLaw",
+    "switching": "diffbot_control.law.switching:SwitchingLaw",
     "docking": "diffbot_control.law.docking:Docking",
-    "aicardi": "diffbot_lab.laws.aicardi:Aicardi",
+    "paper": "diffbot_control.law.paper:PaperLaw",
     "feedback_linearisation": "diffbot_lab.laws.feedback_linearisation:FeedbackLinearisation",
     "graceful": "diffbot_lab.laws.graceful:Graceful",
     "nav2_docking": "diffbot_lab.laws.nav2_docking:Nav2Docking",
@@ -36,8 +33,11 @@ LAWS = {
 PACKAGES = ("diffbot", "diffbot_core", "diffbot_control", "diffbot_bag", "diffbot_sim", "diffbot_tools", "diffbot_lab")
 CONFIGS = {
     "controller": "diffbot_control.ros.parameters.controller:ControllerNodeConfig",
+    "paper": "diffbot_control.law.configuration:PaperConfig",
+    "docking": "diffbot_control.law.docking_axis:DockingConfig",
     "ekf": "diffbot_control.ros.parameters.ekf:EkfNodeConfig",
-    "plant": "diffbot_sim.ros.parameters:PlantNodeConfig",
+    "dock_ekf": "diffbot_control.ros.parameters.dock:DockEkfConfig",
+    "plant": "diffbot_sim.parameters:PlantNodeConfig",
     "recorder": "diffbot_bag.parameters:RecorderConfig",
     "replay": "diffbot_bag.parameters:ReplayConfig",
 }
@@ -93,8 +93,8 @@ setup(
     packages=find_packages(include=[pattern for name in PACKAGES for pattern in (name, f"{name}.*")]),
     package_data={
         **{name: ["py.typed"] for name in PACKAGES},
-        "diffbot_lab.arena": ["*.json"],
-        "diffbot_tools.demo": ["*.xml"],
+        "diffbot_lab.benchmark": ["*.json"],
+        "diffbot_tools": ["py.typed", "*.xml"],
         "diffbot_tools.view": ["page/*"],
     },
     data_files=[
@@ -120,34 +120,33 @@ setup(
     install_requires=[
         "argcomplete>=2.0",
         "filterpy>=2.0",
-        "lz4>=4.0",  # the recorder packs with zstd by default; bags of others may be packed with lz4
         "matplotlib>=3.6",
         "mcap>=1.5",
-        "mcap-ros2-support>=0.5",  # decodes messages where ROS is not installed
         "numpy>=1.26",
+        "platformdirs>=3.0",
         "PyYAML>=6.0",
+        "rosbags>=0.10",  # decodes and encodes messages, also where ROS is not installed
         "ruamel.yaml>=0.17.21",
         "scipy>=1.11",
         "tqdm>=4.60",
         "websockets>=14.0",
-        "zstandard>=0.20",
     ],
     extras_require={
         "jazzy": ["ros-jazzy-common-interfaces>=5.3", "ros-jazzy-rclpy[fastrtps]>=7.1"],
-        "batch": ["numba>=0.60", "pyarrow>=18.0"],
+        "batch": ["numba>=0.60"],
         "cluster": ["distributed>=2024.12"],
         "gym": ["gymnasium>=1.1", "numba>=0.60"],
         "pandas": ["pandas>=2.0"],
         "test": [
             "evo>=1.31",  # reads our trajectories, as a program of others
             "hypothesis>=6.100",
+            "mcap-ros2-support>=0.5",  # decodes messages, beside rclpy, which the tests compare with
             "nbformat>=5.10",  # reads the notebook in examples/, whose cells a test runs
             "playwright>=1.49",
             "pytest>=8.0",
             "pytest-timeout>=2.2",
             "pytest-xdist>=3.5",
             "python-flint>=0.6",  # ball arithmetic, which the interval functions of the certificates are held against
-            "rosbags>=0.10",  # reads our bags, as a program of others
         ],
         "lint": [
             "import-linter>=2.1",
@@ -156,6 +155,6 @@ setup(
             "ruff>=0.8",
             "types-PyYAML>=6.0",
         ],
-        "docs": ["mkdocs>=1.6", "mkdocs-material>=9.6", "mkdocstrings-python>=2.0"],
+        "docs": ["mkdocs>=1.6", "mkdocs-material>=9.6"],
     },
 )

@@ -16,11 +16,15 @@ from numba import njit
 from rounds import Table, is_quick
 from tqdm import tqdm
 
+from diffbot_control.law.switching import SwitchingLaw
 from diffbot_core.geometry import Pose
 from diffbot_lab.gym import GOAL
 from diffbot_lab.paper.experiment import SETTINGS, case_of, starts_of
-from diffbot_sim.compiled.batch import HISTORY_COLUMNS, run_batch
-from diffbot_sim.compiled.closed_loop import buffers_for, run_loop
+from diffbot_sim.batch import run_batch
+from diffbot_sim.fusion import new_recent
+from diffbot_sim.noise import FIX, MOTION, NoiseSource
+from diffbot_sim.robot_step import HISTORY_COLUMNS, make_loop
+from diffbot_sim.sensors import purposes_of
 
 ROUNDS, RUNS = 9, 4000
 STEPS = 300
@@ -40,64 +44,59 @@ def _wrap(angle):
 
 
 @njit(nogil=True, error_model="numpy", cache=True)
-def _philox(a, b, c, d, key_low, key_high):
-    for _ in range(10):
-        first, second = 0xD2511F53 * a, 0xCD9E8D57 * c
-        a, b = ((second >> 32) & 0xFFFFFFFF) ^ b ^ key_low, second & 0xFFFFFFFF
-        c, d = ((first >> 32) & 0xFFFFFFFF) ^ d ^ key_high, first & 0xFFFFFFFF
-        key_low, key_high = (key_low + 0x9E3779B9) & 0xFFFFFFFF, (key_high + 0xBB67AE85) & 0xFFFFFFFF
-    unit = 2.0**-32
-    return (2.0 * a + 1.0) * unit - 1.0, (2.0 * b + 1.0) * unit - 1.0, (2.0 * c + 1.0) * unit - 1.0
-
-
-@njit(nogil=True, error_model="numpy", cache=True)
-def reference_kernel(start, seed, first, steps, outcomes):
-    """Simulation A under law (17) with the paper's noise, written by hand for this one case: plain numbers only.
-
-    The columns of Outcome up to ``turning``; when the law reports the goal as reached is not followed.
-    """
+def _drive_one(start, noise, steps, row):
     gamma, k, h, k_2, t_s, radius = 1.3, 1.0, 0.17, 2.7, 0.1, 0.5
-    for index in range(len(outcomes)):
-        run = first + index
-        x, y, theta = start[0], start[1], start[2]
-        last_outside, path, effort, local_time, switches, region = -1, 0.0, 0.0, math.nan, 0, 0
-        turning = 0.0
-        seen_x = seen_y = 0.0
-        for step in range(steps + 1):
-            a, b, c = _philox(step, 1, run & 0xFFFFFFFF, run >> 32, seed & 0xFFFFFFFF, seed >> 32)
-            seen_x, seen_y, seen_theta = x + 0.3 * a, y + 0.3 * b, _wrap(theta + 0.17 * c)
-            rho = math.hypot(seen_x, seen_y)
-            beta = math.atan2(0.0 - seen_y, 0.0 - seen_x)
-            alpha = _wrap(beta - seen_theta)
-            near = 1 if (rho <= radius if region == 1 else rho < radius) else 0
-            switches += near != region
-            region = near
-            cosine, tangent = math.cos(alpha), math.tanh(rho)
-            v = gamma * tangent * cosine
-            if region == 1:
-                omega = -k_2 * seen_theta
-            else:
-                sinc = math.sin(alpha) / alpha if abs(alpha) >= 1e-4 else 1.0 - alpha * alpha / 6.0
-                slope = tangent / rho if rho >= 1e-4 else 1.0 - rho * rho / 3.0
-                omega = k * alpha + gamma * sinc * slope * cosine * (alpha + h * beta)
-            if math.hypot(x, y) > 0.4 or abs(theta) > 0.1:
-                last_outside = step
-            if region == 1 and math.isnan(local_time):
-                local_time = step * t_s
-            if step < steps:
-                effort += (v * v + omega * omega) * t_s
-                a, b, c = _philox(step, 0, run & 0xFFFFFFFF, run >> 32, seed & 0xFFFFFFFF, seed >> 32)
-                forward = t_s * (v + 0.065 * a)
-                dx, dy = forward * math.cos(theta), forward * math.sin(theta)
-                turned = _wrap(theta + t_s * (omega + 0.2167 * b))
-                turning += abs(_wrap(turned - theta)) if math.hypot(x, y) <= 1.0 else 0.0
-                x, y, theta = x + dx, y + dy, turned
-                path += math.hypot(dx, dy)
-        row = outcomes[index]
-        row[0], row[1], row[2] = x, y, theta
-        row[3] = (last_outside + 1) * t_s if last_outside < steps else math.nan
-        row[4], row[5], row[6], row[7] = path, effort, switches, local_time
-        row[8], row[9] = math.hypot(seen_x - x, seen_y - y), turning
+    x, y, theta = start[0], start[1], start[2]
+    last_outside, path, effort, local_time, switches, region = -1, 0.0, 0.0, math.nan, 0, 0
+    turning = 0.0
+    seen_x = seen_y = 0.0
+    for step in range(steps + 1):
+        seen_x = x + 0.3 * (2.0 * noise[FIX, step, 0] - 1.0)
+        seen_y = y + 0.3 * (2.0 * noise[FIX, step, 1] - 1.0)
+        seen_theta = _wrap(theta + 0.17 * (2.0 * noise[FIX, step, 2] - 1.0))
+        rho = math.hypot(seen_x, seen_y)
+        beta = math.atan2(0.0 - seen_y, 0.0 - seen_x)
+        alpha = _wrap(beta - seen_theta)
+        near = 1 if (rho <= radius if region == 1 else rho < radius) else 0
+        switches += near != region
+        region = near
+        cosine, tangent = math.cos(alpha), math.tanh(rho)
+        v = gamma * tangent * cosine
+        if region == 1:
+            omega = -k_2 * seen_theta
+        else:
+            sinc = math.sin(alpha) / alpha if abs(alpha) >= 1e-4 else 1.0 - alpha * alpha / 6.0
+            slope = tangent / rho if rho >= 1e-4 else 1.0 - rho * rho / 3.0
+            omega = k * alpha + gamma * sinc * slope * cosine * (alpha + h * beta)
+        if math.hypot(x, y) > 0.4 or abs(theta) > 0.1:
+            last_outside = step
+        if region == 1 and math.isnan(local_time):
+            local_time = step * t_s
+        if step < steps:
+            effort += (v * v + omega * omega) * t_s
+            forward = t_s * (v + 0.065 * (2.0 * noise[MOTION, step, 0] - 1.0))
+            dx, dy = forward * math.cos(theta), forward * math.sin(theta)
+            turned = _wrap(theta + t_s * (omega + 0.2167 * (2.0 * noise[MOTION, step, 1] - 1.0)))
+            turning += abs(_wrap(turned - theta)) if math.hypot(x, y) <= 1.0 else 0.0
+            x, y, theta = x + dx, y + dy, turned
+            path += math.hypot(dx, dy)
+    row[0], row[1], row[2] = x, y, theta
+    row[3] = (last_outside + 1) * t_s if last_outside < steps else math.nan
+    row[4], row[5], row[6], row[7] = path, effort, switches, local_time
+    row[8], row[9] = math.hypot(seen_x - x, seen_y - y), turning
+
+
+def drive_by_hand(runs: int) -> Any:
+    """Drive simulation A under law (17) with the paper's noise, by a kernel written by hand for this one case.
+
+    Returns:
+        (runs, 10) columns of Outcome up to ``turning``; the kernel leaves out the two columns on reaching the goal.
+    """
+    source, noise, outcomes = NoiseSource(), np.empty((FIX + 1, STEPS + 1, 4)), np.empty((runs, 10))
+    for run, row in enumerate(outcomes):
+        source.rows(1, run, 0, noise, (MOTION, FIX))
+        _drive_one(START.poses[0], noise, STEPS, row)
+    return outcomes
 
 
 def rate(runs: int, call: Callable[[], Any], clock: Callable[[], float] = time.perf_counter) -> float:
@@ -109,16 +108,18 @@ def rate(runs: int, call: Callable[[], Any], clock: Callable[[], float] = time.p
 
 def measure_round(table: Table, runs: int) -> None:
     """Measure each once, both sides right after each other."""
-    nothing, outcomes, cpu = np.empty((0, len(HISTORY_COLUMNS))), np.empty((runs, 10)), time.process_time
+    run_loop, recent = make_loop(SwitchingLaw, CASE.feedback), new_recent(CASE.robot)
+    noise = NoiseSource().run(1, 0, STEPS + 1, purposes_of(CASE.robot.sensors, 0, 0.0))
+    nothing, cpu = np.empty((0, len(HISTORY_COLUMNS))), time.process_time
     table.add(
         "all threads, beside the same loop as plain Python [M steps/s]",
         rate(runs, lambda: run_batch(CASE, START, 1, 0, runs)),
-        rate(1, lambda: run_loop(CASE, buffers_for(CASE), 1, 0, Pose(*START.poses[0]), nothing)),
+        rate(1, lambda: run_loop(CASE, recent, noise, Pose(*START.poses[0]), nothing)),
     )
     table.add(
         "one thread, beside a kernel written by hand for this case [M steps/s]",
         rate(runs, lambda: run_batch(CASE, START, 1, 0, runs, threads=1), cpu),
-        rate(runs, lambda: reference_kernel(START.poses[0], 1, 0, STEPS, outcomes), cpu),
+        rate(runs, lambda: drive_by_hand(runs), cpu),
     )
     two, one = (rate(runs, lambda n=n: run_batch(CASE, START, 1, 0, runs, threads=n)) for n in (2, 1))
     table.add("two threads, beside one [M steps/s]", two, one)
@@ -145,9 +146,7 @@ def main() -> None:
     """Compile, compare the results of both kernels, measure, and print the table."""
     quick, table = is_quick(__doc__.splitlines()[0]), Table()
     run_batch(FILTERED, START, 1, 0, 2)
-    theirs = np.empty((20, 10))
-    reference_kernel(START.poses[0], 1, 0, STEPS, theirs)
-    np.testing.assert_allclose(theirs, run_batch(CASE, START, 1, 0, 20)[:, :10], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(drive_by_hand(20), run_batch(CASE, START, 1, 0, 20)[:, :10], rtol=1e-9, atol=1e-9)
     for _ in tqdm(range(1 if quick else ROUNDS), "batch", unit=" rounds", leave=False, disable=None):
         measure_round(table, 100 if quick else RUNS)
     table.show()

@@ -43,7 +43,7 @@ from diffbot_control.ros.messages.fields import (
 )
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist, WheelGeometry, encoder_covariance, wheel_speeds
-from diffbot_core.ros.node import SPIN_TIMEOUT, make_executor, run_together
+from diffbot_core.ros.run import SPIN_TIMEOUT, make_executor, run
 
 GOAL = Pose(1e5, 0.0, 0.0)
 """Far enough that the controller drives all the time."""
@@ -208,13 +208,14 @@ def make_node(name: str, scenario: str, side: str, seconds: float) -> Any:
     from diffbot_control.ekf_node import EkfNode
     from diffbot_sim.plant_node import PlantNode
 
+    stamped = [Parameter("cmd_vel_type", value="twist_stamped" if is_lockstep else "twist")]
     if name == "source":
-        return PlantNode(parameter_overrides=[Parameter("clock", value="lockstep")])
+        return PlantNode(parameter_overrides=[Parameter("clock", value="lockstep"), *stamped])
     overrides = [Parameter("reliable_inputs", value=is_lockstep)]
     if name == "filter":
         return EkfNode(parameter_overrides=overrides)
     # In lock-step it answers from the first pose on, with or without a goal.
-    idle = [Parameter("publish_when_idle", value=True)] if is_lockstep else []
+    idle = [Parameter("publish_when_idle", value=True), *stamped] if is_lockstep else []
     return ControllerNode(parameter_overrides=[*idle, *overrides])
 
 
@@ -234,15 +235,14 @@ def measure(scenario: str, side: str, nodes: list[Any], seconds: float) -> None:
     if scenario == "clocked":
         while not source.done:
             spin_once(executor)
-    elif side == "bare":
-        measure_rate(lambda: source.step, executor, seconds)
-    else:
+        return
+    if side != "bare":
         # The plant starts by itself when the graph is complete.
         goals = source.create_publisher(PoseStamped, "goal_pose", 10)
         while not goals.get_subscription_count():
             executor.spin_once(timeout_sec=SPIN_TIMEOUT)
-        goals.publish(goal_message(GOAL, "map", source._plant.world.stamp))
-        measure_rate(lambda: source._plant.step, executor, seconds)
+        goals.publish(goal_message(GOAL, "map", source.stamp))
+    measure_rate(lambda: source.step, executor, seconds)
 
 
 def measure_rate(step: Callable[[], int], executor: Any, seconds: float) -> None:
@@ -272,23 +272,23 @@ def run_bare(nodes: list[Any]) -> None:
 
 def watch() -> list[float]:
     """Time each way [ms] from the callback of the odometry to the return of the publication of its command."""
-    from diffbot_control import ekf_node
-    from diffbot_control.ros.controller_publishers import ControllerPublishers
+    from diffbot_control.ekf_node import EkfNode
+    from diffbot_control.ros.controller_publishers import CommandOutput
 
     durations: list[float] = []
     began = 0
-    read, send = ekf_node.read_odometry, ControllerPublishers.send
+    receive, send = EkfNode._on_odometry, CommandOutput.send
 
-    def timed_read(data: bytes) -> Any:
+    def timed_receive(node: EkfNode, message: Odometry) -> None:
         nonlocal began
         began = time.perf_counter_ns()
-        return read(data)
+        receive(node, message)
 
-    def timed_send(publishers: ControllerPublishers, *arguments: Any) -> None:
+    def timed_send(publishers: CommandOutput, *arguments: Any) -> None:
         send(publishers, *arguments)
         durations.append((time.perf_counter_ns() - began) * 1e-6)
 
-    ekf_node.read_odometry, ControllerPublishers.send = timed_read, timed_send
+    EkfNode._on_odometry, CommandOutput.send = timed_receive, timed_send
     return durations
 
 
@@ -302,9 +302,9 @@ def main() -> int:
         if side == "robot":
             from diffbot_control.robot_node import make_nodes
 
-            status = run_together(make_nodes)
+            status = run(make_nodes)
         else:
-            status = run_together(lambda: (make_node(name, scenario, side, seconds) for name in names))
+            status = run(lambda: (make_node(name, scenario, side, seconds) for name in names))
         report(inside=durations)
         return status
     if "source" not in names:

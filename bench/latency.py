@@ -21,7 +21,7 @@ from typing import Any
 from rounds import Table, cpu_seconds, is_quick, start
 from tqdm import tqdm
 
-from diffbot_tools.demo.processes import PrivateDomain, graph_environment
+from diffbot_tools.processes import PrivateDomain, graph_environment
 
 ONE = ("source,filter,control",)
 TWO = ("filter,control", "source")

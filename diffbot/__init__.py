@@ -19,22 +19,22 @@ if TYPE_CHECKING:
     from diffbot.given import robot
     from diffbot.loop import Controller, Filter
     from diffbot.simulation import Recording, Simulation, drive
-    from diffbot_bag.bag.reader import BagReader as Bag
+    from diffbot_bag.bag import BagReader as Bag
     from diffbot_control.ros.navigator import Navigator
     from diffbot_core.errors import DiffbotError
     from diffbot_core.geometry import Pose
     from diffbot_core.kinematics import Twist
-    from diffbot_tools.robot.description import PRESETS as ROBOTS
+    from diffbot_tools.robot_description import PRESETS as ROBOTS
 
     __version__: str
 
 _PLACES = {
-    "Bag": "diffbot_bag.bag.reader:BagReader",
+    "Bag": "diffbot_bag.bag:BagReader",
     **dict.fromkeys(("Controller", "Filter"), "diffbot.loop"),
     "DiffbotError": "diffbot_core.errors",
     "Navigator": "diffbot_control.ros.navigator",
     "Pose": "diffbot_core.geometry",
-    "ROBOTS": "diffbot_tools.robot.description:PRESETS",
+    "ROBOTS": "diffbot_tools.robot_description:PRESETS",
     **dict.fromkeys(("Recording", "Simulation", "drive"), "diffbot.simulation"),
     "Twist": "diffbot_core.kinematics",
     "robot": "diffbot.given",
@@ -50,7 +50,15 @@ def __getattr__(name: str) -> Any:
         value: Any = import_module("importlib.metadata").version("diffbot-ros")
     elif name in _PLACES:
         module, _, attribute = _PLACES[name].partition(":")
-        value = getattr(import_module(module), attribute or name)
+        try:
+            value = getattr(import_module(module), attribute or name)
+        except ModuleNotFoundError as error:
+            from diffbot_core.errors import DiffbotError  # noqa: PLC0415 - the import of diffbot loads nothing
+            from diffbot_core.launcher import ros_hint  # noqa: PLC0415
+
+            if hint := ros_hint(error):
+                raise DiffbotError(f"{name} {hint}") from error
+            raise
     else:
         raise AttributeError(f"diffbot has no {name!r}, but {', '.join(__all__)}")
     globals()[name] = value

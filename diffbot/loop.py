@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from diffbot.given import AnyPose, AnyRobot, pose_of, robot_of, with_parameters
+from diffbot.given import AnyPose, AnyRobot, goal_of, pose_of, robot_of, sigma_of, time_of, with_parameters
 from diffbot_control.filter.covariance import uncertainty_of
 from diffbot_control.filter.localization import Localization
-from diffbot_control.filter.measurements import PoseFix
+from diffbot_control.filter.measurement import pose_fix
 from diffbot_control.filter.odometry import OdometryStep
 from diffbot_control.goals import GoalRequest, Supervisor
 from diffbot_control.ros.parameters.controller import ControllerNodeConfig, law_of
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist, TwistCovariance
+from diffbot_core.stamps import NS_PER_S
 from diffbot_core.uncertainty import Uncertainty
-from diffbot_core.units import NS_PER_S
+
+_LEAST_SIGMA = 1e-9
+"""of a fix: without any uncertainty its covariance is singular"""
 
 
 class Controller(Supervisor):
@@ -46,6 +50,7 @@ class Controller(Supervisor):
         """
         node = ControllerNodeConfig() if robot is None else robot_of(robot).controller
         super().__init__(with_parameters(node.supervisor, parameters), law_of(node.law))
+        self._time = -math.inf
 
     def go_to(self, goal: AnyPose) -> None:
         """Drive to ``goal`` from the next pose on; it replaces the present one. ``on_cancel()`` drops it.
@@ -53,7 +58,7 @@ class Controller(Supervisor):
         Raises:
             InvalidValueError: for a goal that is not three numbers.
         """
-        self.on_goal(pose_of("goal", goal), GoalRequest(source="go_to"))
+        self.on_goal(goal_of("goal", goal), GoalRequest(source="go_to"))
 
     def step(self, time: float, pose: AnyPose, sigma: Sequence[float] = (0.0, 0.0)) -> Twist:
         """Answer a pose with the command until the next one; zero without a goal.
@@ -62,9 +67,13 @@ class Controller(Supervisor):
             time: [s] of the pose, rising.
             pose: estimate in the frame of the goal.
             sigma: its standard deviations [m], [rad]; zero: exact.
+
+        Raises:
+            InvalidValueError: for a time that does not rise, a pose or a sigma that cannot be used.
         """
-        at = pose_of("pose", pose)
-        return self.on_pose(round(time * NS_PER_S), time, at, Uncertainty(*sigma)) or Twist(0.0, 0.0)
+        at, uncertainty = pose_of("pose", pose), sigma_of(sigma)
+        self._time = time_of(time, self._time)
+        return self.on_pose(round(time * NS_PER_S), self._time, at, uncertainty) or Twist(0.0, 0.0)
 
     @property
     def end(self) -> str:
@@ -103,10 +112,11 @@ class Filter(Localization):
             sigma: its standard deviations [m], [rad].
 
         Raises:
-            BadMessageError: for one that is too old.
+            DiffbotError: for a fix that is too old, or a value that cannot be used.
         """
-        R = np.diag(np.square((sigma[0], sigma[0], sigma[1])))
-        self.on_measurement(PoseFix(round(time * NS_PER_S), pose_of("pose", pose), R))
+        xy, theta = sigma_of(sigma, _LEAST_SIGMA)
+        R = np.diag(np.square((xy, xy, theta)))
+        self.on_measurement(pose_fix(round(time_of(time) * NS_PER_S), pose_of("pose", pose), R))
 
     def odometry(self, time: float, v: float, omega: float, sigma: Sequence[float] = (0.0, 0.0)) -> Pose:
         """Move by the mean velocity since the last odometry, and return the estimate.
@@ -115,13 +125,14 @@ class Filter(Localization):
             time: [s] of the end of the motion, rising.
             v: [m/s]
             omega: [rad/s]
-            sigma: standard deviations of both; zero: by alpha1 to alpha4.
+            sigma: standard deviations of both; zero: by alpha1 to alpha3.
 
         Raises:
-            BadMessageError: before the first fix, or out of order.
+            DiffbotError: before the first fix, for a time that does not rise, or a sigma that cannot be used.
         """
-        covariance = TwistCovariance(sigma[0] ** 2, 0.0, sigma[1] ** 2)
-        return self.on_odometry(OdometryStep(round(time * NS_PER_S), Twist(v, omega), covariance)).pose
+        sigma_v, sigma_omega = sigma_of(sigma)
+        covariance = TwistCovariance(sigma_v**2, 0.0, sigma_omega**2)
+        return self.on_odometry(OdometryStep(round(time_of(time) * NS_PER_S), Twist(v, omega), covariance)).pose
 
     @property
     def sigma(self) -> Uncertainty:

@@ -1,4 +1,4 @@
-"""Simulated drives, and what is known of them afterwards."""
+"""Simulate drives and summarise how they ended."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diffbot.given import AnyPose, AnyRobot, pose_of, robot_of
-from diffbot_core.distribution import install_hint
+from diffbot.given import AnyPose, AnyRobot, goal_of, robot_of, seed_of
 from diffbot_core.errors import DiffbotError
-from diffbot_sim import drive as simulated
-from diffbot_sim.model.simulator import StartPose
+from diffbot_core.installed import install_hint
+from diffbot_sim import simulation as simulated
+from diffbot_sim.config import StartPose
 
 if TYPE_CHECKING:
     import pandas
@@ -43,7 +43,7 @@ class Recording(simulated.Drive):
     of the estimated position [m]; region (0: Omega_G, 1: Omega_L); 1 once the goal is reached."""
 
     def __repr__(self) -> str:
-        """Say in one line what came of the goal."""
+        """Return a one-line summary of how the goal ended."""
         goal, why = ", ".join(f"{number:g}" for number in self.goal), f" ({self.reason})" if self.reason else ""
         error = f"{self.position_error:.3f} m and {abs(self.error.theta):.3f} rad away"
         return f"<Recording: ({goal}) {self.end}{why} after {self.duration:.1f} s, {error}>"
@@ -77,7 +77,7 @@ class Recording(simulated.Drive):
         """
         from matplotlib import pyplot  # noqa: PLC0415 - takes a second to load
 
-        from diffbot_tools.robot.picture import draw_drives  # noqa: PLC0415
+        from diffbot_tools.robot_trial import draw_drives  # noqa: PLC0415
 
         figure = pyplot.figure(figsize=(10.0, 4.5), layout="constrained")
         draw_drives(figure, [self])
@@ -109,8 +109,8 @@ class Simulation(simulated.Simulation):
         Raises:
             DiffbotError: in one line, for a robot or a start that cannot be used.
         """
-        at = None if start is None else StartPose(*pose_of("start", start))
-        super().__init__(*robot_of(robot).parts(seed, at))
+        at = None if start is None else StartPose(*goal_of("start", start))
+        super().__init__(*robot_of(robot).parts(seed_of(seed), at))
 
     def drive(self, goal: AnyPose) -> Recording:
         """Drive until the goal is answered: reached, or not and why.
@@ -118,7 +118,7 @@ class Simulation(simulated.Simulation):
         Raises:
             InvalidValueError: for a goal that is not three numbers.
         """
-        return Recording(*super().drive(pose_of("goal", goal)))
+        return Recording(*super().drive(goal_of("goal", goal)))
 
 
 def drive(goal: AnyPose, robot: AnyRobot = DEFAULT_ROBOT, start: AnyPose | None = None, seed: int = 1) -> Recording:

@@ -4,8 +4,9 @@ Conventions, stated once:
 
 - Times are integers [ns]: ``log_time`` is the time of reception (simulated time, if that is in use), ``publish_time``
   the time of sending. The time of a bag is its ``log_time``.
-- A message is kept as the bytes (CDR) received; only reports decode it.
-- Quality of service is kept in rosbag2's words (:class:`diffbot_bag.bag.qos.Qos`).
+- A message is recorded, cut and replayed as the bytes received (CDR). `messages` decodes it for reports.
+- Quality of service has the words of rosbag2 (:class:`diffbot_bag.qos.Qos`).
 
-Only ``*_node.py`` and ``ros_conversions.py`` import ROS.
+Only the nodes and the modules that they alone import (conversions, node_parameters, publications, recorded_topic)
+import ROS.
 """

@@ -2,43 +2,47 @@
 
 from __future__ import annotations
 
-if __name__ == "__main__":  # before the imports that take long: see launcher
-    from diffbot_core.launcher import launch
-
-    raise SystemExit(launch("diffbot_bag.recorder_node"))
-
 import datetime
+import time
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from std_srvs.srv import Trigger
 
-from diffbot_bag.bag.qos_overrides import read_overrides
-from diffbot_bag.bag.topic_selection import TopicSelection, absolute
-from diffbot_bag.bag.writer import BagWriteError, BagWriter
-from diffbot_bag.mcap.attachments import MEDIA_TYPE, PARAMETERS
-from diffbot_bag.mcap.whole_chunk import Compression
+from diffbot_bag.bag import PARAMETERS
+from diffbot_bag.bag_files import FileLimits
+from diffbot_bag.conversions import message_class, offers, type_hash
+from diffbot_bag.node_parameters import NodeParameters
 from diffbot_bag.parameters import RecorderConfig
-from diffbot_bag.record.bag_files import FileLimits
-from diffbot_bag.record.disk import DiskThread
-from diffbot_bag.record.pending_messages import HeldMessages
-from diffbot_bag.record.recording import Recording
-from diffbot_bag.ros.node_parameters import NodeParameters
-from diffbot_bag.ros.recorded_topics import RecordedTopics
-from diffbot_bag.ros.recorder_services import RecorderServices
+from diffbot_bag.qos import read_overrides, selection_of, to_request
+from diffbot_bag.recorded_topic import Receive, RecordedTopic
+from diffbot_bag.writer import CHUNK_SIZE, BagWriteError, BagWriter
 from diffbot_core.errors import DiffbotError
-from diffbot_core.ros.node import LATCHED, DiffbotNode, run, status_message
+from diffbot_core.ros.node import DiffbotNode, status_message
+from diffbot_core.ros.qos import LATCHED
+from diffbot_core.ros.run import run
+from diffbot_core.stamps import NS_PER_S
 
+POLL_PERIOD = 0.1
+"""[s] between two looks at the topics and publishers of the graph, and between two steps of requesting parameters"""
 STATUS_PERIOD = 0.5
-"""[s] between two ~/status messages while only counts change"""
-WATCH_PERIOD = 0.5
-"""[s] between two looks at the free space and at the file"""
-QUESTION_PERIOD = 0.1
-"""[s] between two steps of asking all nodes for their parameters"""
-SECOND = 10**9
-"""[ns]"""
+"""[s] between two ~/status messages while only counts change, and between two checks of the disk"""
+MIN_FREE_SPACE = 64 * 1024**2
+"""[bytes] Recording ends with less space on the disk."""
+QUIET = 0.05
+"""[s] without a message after which, at the end, no more are expected"""
+
+
+class Held(NamedTuple):
+    """A message that waits for the first simulated time; the arguments of BagWriter.write."""
+
+    channel: int
+    data: bytes
+    log_time: int
+    publish_time: int
+    sequence: int
 
 
 class RecorderNode(DiffbotNode[RecorderConfig]):
@@ -53,82 +57,62 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
             DiffbotError: if a parameter is not allowed or the bag cannot be created.
         """
         super().__init__("recorder", RecorderConfig, **node_options)
+        config, namespace = self.config, self.get_namespace()
         try:
-            selection = self._make_selection()
-            path = self.config.qos_profile_overrides_path
-            overrides = read_overrides(path, self.config.depth, self.get_namespace())
+            self._overrides = read_overrides(config.qos_profile_overrides_path, namespace)
             self._writer = self._make_writer()
         except DiffbotError:
             self.destroy_node()
             raise
-        self._writer.describe = self._custom_data
-        self._recording = self._make_recording()
-        self._topics = RecordedTopics(self, selection, self._writer, self._recording, self._fail, overrides)
+        self._selection = selection_of(config, namespace, config.include_hidden_topics)
+        self._topics: dict[str, RecordedTopic] = {}
+        self._refused: set[str] = set()
+        self._paused, self._simulated = config.start_paused, bool(self.get_parameter("use_sim_time").value)
+        self._held: list[Held] = []
+        self._held_bytes = self._unwritten = self._delay = 0
+        self._error_reported = False
         self._status = self.create_publisher(DiagnosticStatus, "~/status", LATCHED)
         self._last_status: tuple[str, ...] = ("",)
-        self._error_reported = False
-        self._parameters_of_all = NodeParameters(self, partial(self._writer.attach, PARAMETERS, MEDIA_TYPE))
-        RecorderServices(self, self._writer, self._recording, self._fail, self._on_service)
-        for period, work in self._work():
-            self.create_timer(period, self._unless_failed(work), clock=self.steady_clock)
-        self.get_logger().info(f"recording to {self._writer.folder}")
-        self.update_subscriptions()
-
-    def _make_selection(self) -> TopicSelection:
-        config, namespace = self.config, self.get_namespace()
-        selection = TopicSelection(
-            topics=tuple(absolute(name, namespace) for name in config.topics),
-            regex=config.regex,
-            exclude_topics=tuple(absolute(name, namespace) for name in config.exclude_topics),
-            exclude_regex=config.exclude_regex,
-            include_hidden_topics=config.include_hidden_topics,
+        self._parameters_of_all = NodeParameters(
+            self, lambda data: self._writer.attach(PARAMETERS, "application/json", data)
         )
-        selection.check()
-        return selection
+        self._offer_services()
+        self.get_logger().info(f"recording to {self._writer.folder}")
+        self._start_timers()
 
     def _make_writer(self) -> BagWriter:
         config = self.config
         name = config.uri or datetime.datetime.now().strftime("rosbag2_%Y_%m_%d-%H_%M_%S")
-        writer = BagWriter(
+        limits = FileLimits(config.max_bag_size, round(config.max_bag_duration * NS_PER_S), config.max_bag_files)
+        return BagWriter(
             Path(name),
-            chunk_size=config.chunk_size,
-            compression=Compression(config.compression, config.compression_level),
-            limits=FileLimits(config.max_bag_size, round(config.max_bag_duration * SECOND), config.max_bag_files),
-            disk=DiskThread(),
+            chunk_size=min(CHUNK_SIZE, config.max_bag_size or CHUNK_SIZE),
+            compression=config.compression,
+            limits=limits,
+            max_backlog=config.max_cache_size,
         )
-        writer.max_backlog = config.max_cache_size
-        return writer
 
-    def _make_recording(self) -> Recording:
-        config = self.config
-        simulated = bool(self.get_parameter("use_sim_time").value)
-        recording = Recording(
-            self._writer,
-            held=HeldMessages(config.max_held) if simulated else None,
-            now=(lambda: self.get_clock().now().nanoseconds) if simulated else None,
-        )
-        recording.is_paused = config.start_paused
-        return recording
-
-    def _work(self) -> list[tuple[float, Callable[[], None]]]:
-        """Return the period [s] and the function of each regular task."""
-        config, writer = self.config, self._writer
-        work = [
-            (config.topic_polling_interval, self.update_subscriptions),
-            (config.flush_period, self._flush),
-            (STATUS_PERIOD, self._publish_status),
-            (WATCH_PERIOD, lambda: writer.check_disk(config.min_free_space)),
+    def _start_timers(self) -> None:
+        work: list[tuple[float, Callable[[], None]]] = [
+            (POLL_PERIOD, self.update_subscriptions),
+            (self.config.flush_period, self._flush),
+            (STATUS_PERIOD, self._check_and_report),
         ]
-        if config.record_parameters:
-            work.append((QUESTION_PERIOD, self._parameters_of_all.poll))
-        return work
+        if self.config.record_parameters:
+            work.append((POLL_PERIOD, self._parameters_of_all.poll))
+        for period, task in work:
+            self.create_timer(period, self._unless_failed(task), clock=self.steady_clock)
+        # Contained: an error in the first update must not keep the node from closing the bag.
+        self.contained(self._unless_failed(self.update_subscriptions), "the first look for topics")()
 
-    def _unless_failed(self, work: Callable[[], None]) -> Callable[[], None]:
+    def _unless_failed(self, task: Callable[[], None]) -> Callable[[], None]:
+        """Return a function that calls ``task`` while the bag is open, and ends the recording after an error."""
+
         def guarded() -> None:
             if self._writer.closed:
                 return
             try:
-                work()
+                task()
             except BagWriteError as error:
                 self._fail(error)
 
@@ -138,40 +122,152 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         if self._error_reported:
             return
         if self._writer.closed:
-            self._topics.unwritten += self._writer.unflushed
+            self._unwritten += self._writer.unflushed
         self.get_logger().error(str(error))
         self._error_reported = True
         self._publish_status()
         self.finish(1)
 
-    def _on_service(self) -> None:
-        self._topics.is_direct = self._recording.is_direct
-        self._publish_status()
-
     def update_subscriptions(self) -> None:
-        """Subscribe to new topics of the graph; called at each polling interval."""
-        if self._topics.update(self._status.topic_name) or self._topics.matched() != self._last_status:
+        """Subscribe to new topics of the graph, and again to topics with a publisher that does not match."""
+        for name, types in self.get_topic_names_and_types():
+            if name in self._topics or name in self._refused or name == self._status.topic_name:
+                continue
+            if not self._selection.selects(name):
+                self._refused.add(name)
+            elif len(types) > 1:
+                self._refuse(name, f"has several types ({', '.join(types)})")
+            else:
+                self._start(name, types[0])
+        news = False
+        for topic in self._topics.values():
+            for publisher, reason in topic.find_unmatched(self).items():
+                news = True
+                self._record_unmatched(topic, publisher, reason)
+            topic.losses.note_publishers()
+            self._writer.note_publishers(topic.channel, topic.losses.publishers)
+            self.health.accepted[topic.name] = topic.received
+            if topic.losses.lost:
+                self.health.dropped[topic.name, "lost"] = topic.losses.lost
+            else:  # a suspected gap may have been withdrawn
+                self.health.dropped.pop((topic.name, "lost"), None)
+        if news or self._matched() != self._last_status:
             self._publish_status()
 
+    def _record_unmatched(self, topic: RecordedTopic, publisher: str, reason: str) -> None:
+        if reason.startswith("its type") or not topic.weaken(self):
+            self.get_logger().warning(f"{topic.name}: {publisher} is not recorded: {reason}")
+        else:
+            self.get_logger().info(f"{topic.name}: subscribed again because of {publisher}: {reason}")
+
+    def _refuse(self, name: str, reason: str) -> None:
+        self._refused.add(name)
+        self.get_logger().warning(f"{name} is not recorded: it {reason}")
+
+    def _start(self, name: str, type_name: str) -> None:
+        publishers = self.get_publishers_info_by_topic(name)
+        if not publishers:
+            return
+        try:
+            message_class(type_name)
+        except DiffbotError as error:
+            self._refuse(name, f"has a type that cannot be loaded: {error}")
+            return
+        # Until it is subscribed to: an error of the middleware must not add a channel at each look.
+        self._refused.add(name)
+        offered, override = offers(publishers), self._overrides.get(name)
+        channel = self._writer.add_topic(name, type_name, offered, type_hash(publishers))
+        topic = RecordedTopic(name, type_name, channel, override or to_request(offered), override is not None)
+        topic.subscribe(self, self._receiver(topic))
+        self._topics[name] = topic
+        self._refused.discard(name)
+        self.get_logger().info(f"subscribed to {name} [{type_name}]")
+
+    def _receiver(self, topic: RecordedTopic) -> Receive:
+        """Return the callback of a topic; in one piece, since at 8 kHz each call inside costs a percent of a core."""
+        writer, write = self._writer, self._writer.write
+        note, channel, now = topic.losses.note, topic.channel, time.time_ns
+
+        def receive(data: bytes, info: dict[str, Any]) -> None:
+            if writer.closed:
+                self._unwritten += 1
+                return
+            if (number := info["publication_sequence_number"]) is None:
+                number = 0
+            else:
+                note(number)
+            received = info["received_timestamp"] or now()
+            topic.received += 1
+            try:
+                if self._paused or self._simulated:
+                    self._write_or_hold(topic, Held(channel, data, received, info["source_timestamp"], number))
+                else:
+                    write(channel, data, received, info["source_timestamp"], number)
+            except BagWriteError as error:
+                topic.received -= 1
+                self._unwritten += 1
+                self._fail(error)
+            if (delay := now() - received) > self._delay:
+                self._delay = delay
+
+        return receive
+
+    def _write_or_hold(self, topic: RecordedTopic, message: Held) -> None:
+        """Write a message with the simulated time if there is one, hold it before the first /clock, or skip it.
+
+        Latched messages are recorded during a pause, too, since later messages cannot be understood without them.
+        """
+        if self._paused and not self._writer.is_latched(topic.channel):
+            return
+        if not self._simulated:
+            self._writer.write(*message)
+        elif sim_time := self.get_clock().now().nanoseconds:
+            self._release(sim_time)
+            self._writer.write(*message._replace(log_time=sim_time))
+        elif self._held_bytes + len(message.data) > self.config.max_cache_size:
+            self.health.drop(topic.name, "no /clock yet")
+        else:
+            # Written at once with time 0, the messages would stretch the bag by decades.
+            self._held.append(message)
+            self._held_bytes += len(message.data)
+
+    def _release(self, sim_time: int) -> None:
+        """Write the held messages with a simulated time [ns]; 0: with their times of reception."""
+        held, self._held, self._held_bytes = self._held, [], 0
+        for message in held:
+            self._writer.write(*(message._replace(log_time=sim_time) if sim_time else message))
+
     def _flush(self) -> None:
-        self._recording.tick()
-        self._writer.flush(self.config.fsync)
+        if self._held and (sim_time := self.get_clock().now().nanoseconds):
+            self._release(sim_time)
+        self._writer.custom_data = self._custom_data()
+        self._writer.flush()
+
+    def _check_and_report(self) -> None:
+        self._writer.check_disk(MIN_FREE_SPACE)
+        self._publish_status()
+
+    def _matched(self) -> tuple[str, ...]:
+        """Return topics with a matched publisher, a poll after subscribing: the publisher is matched by then, too."""
+        return tuple(sorted(one.name for one in self._topics.values() if one.polls > 1 and one.publisher_count()))
 
     def _lost(self) -> int:
-        return self._topics.unwritten + sum(self._topics.lost().values())
+        return self._unwritten + sum(topic.losses.lost for topic in self._topics.values())
 
     def _state(self) -> str:
         if self._error_reported:
             return "write error"
         if self._writer.closed:
             return "closed"
-        if self._recording.is_paused:
+        if self._paused:
             return "paused"
-        return "waiting for /clock" if self._recording.waits_for_clock else "recording"
+        is_waiting = self._simulated and self.get_clock().now().nanoseconds == 0
+        return "waiting for /clock" if is_waiting or self._held else "recording"
 
     def _publish_status(self) -> None:
-        self._last_status = self._topics.matched()
-        lost, incomplete, state = self._lost(), self._topics.incomplete(), self._state()
+        self._last_status = self._matched()
+        lost, state = self._lost(), self._state()
+        incomplete = sorted(topic.name for topic in self._topics.values() if topic.unmatched)
         level = DiagnosticStatus.WARN if lost or incomplete else DiagnosticStatus.OK
         if state == "write error":
             level = DiagnosticStatus.ERROR
@@ -182,23 +278,74 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
             "messages": str(self._writer.count),
             "lost": str(lost),
             "incomplete": " ".join(incomplete),
-            "held": str(self._recording.held),
-            "stall": f"{self._topics.stall / SECOND:.6f}",
-            "delay": f"{self._topics.delay / SECOND:.6f}",
+            "held": str(len(self._held)),
+            "delay": f"{self._delay / NS_PER_S:.6f}",
         }
         self._status.publish(status_message(self.get_fully_qualified_name(), level[0], state, values))
+
+    def _offer_services(self) -> None:
+        """Offer rosbag2's services, as far as a Trigger can carry them."""
+
+        def split() -> tuple[bool, str]:
+            name = self._writer.path.name
+            self._writer.custom_data = self._custom_data()
+            return (True, f"{name} is complete") if self._writer.split() else (False, f"{name} has no message yet")
+
+        def pause(paused: bool) -> tuple[bool, str]:
+            self._paused = paused
+            return is_paused()
+
+        def is_paused() -> tuple[bool, str]:
+            return True, "paused" if self._paused else "recording"
+
+        actions: dict[str, Callable[[], tuple[bool, str]]] = {
+            "split_bagfile": split,
+            "pause": lambda: pause(True),
+            "resume": lambda: pause(False),
+            "is_paused": is_paused,
+        }
+        for name, action in actions.items():
+            self.create_service(Trigger, f"~/{name}", self._answering(action))
+
+    def _answering(self, action: Callable[[], tuple[bool, str]]) -> Callable[[Any, Any], Any]:
+        def answer(_request: Any, response: Any) -> Any:
+            if self._writer.closed:
+                response.success, response.message = False, "the bag is closed"
+                return response
+            try:
+                response.success, response.message = action()
+            except BagWriteError as error:
+                response.success, response.message = False, str(error)
+                self._fail(error)
+            self._publish_status()
+            return response
+
+        return answer
+
+    def _take_pending(self) -> None:
+        """At the end, record messages sent before now that are queued or still in transit."""
+        stop = time.time_ns()
+        waiting = dict(self._topics)
+        last = time.monotonic()
+        while waiting and not self._writer.closed and time.monotonic() - last < QUIET:
+            for name, topic in list(waiting.items()):
+                while name in waiting and (sent := topic.take_pending()) is not None:
+                    last = time.monotonic()
+                    if sent > stop:
+                        del waiting[name]
+            time.sleep(QUIET / 10)
 
     def before_shutdown(self) -> None:
         """Write what was sent before now, close the bag and log the counts."""
         try:
-            self._topics.take_pending()
-            if self._recording.held and not self._writer.closed:
-                self.get_logger().warning(
-                    f"no /clock received: {self._recording.held} messages keep their time of reception"
-                )
-                self._recording.release(None)
+            self._take_pending()
+            if self._held and not self._writer.closed:
+                count = len(self._held)
+                self.get_logger().warning(f"no /clock received: {count} messages keep their time of reception")
+                self._release(0)
             self._parameters_of_all.close()
-            self._writer.close(self._custom_data())
+            self._writer.custom_data = self._custom_data()
+            self._writer.close()
         except BagWriteError as error:
             self._fail(error)
         if not self._error_reported:
@@ -206,10 +353,14 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         self.get_logger().info(f"{self._writer.count} messages, {self._lost()} lost, {self._writer.folder}")
 
     def _custom_data(self) -> dict[str, str]:
-        lost = self._topics.lost()
-        return {"lost_messages": str(self._lost())} | {f"lost {name}": str(n) for name, n in lost.items() if n}
+        lost = {f"lost {topic.name}": str(topic.losses.lost) for topic in self._topics.values() if topic.losses.lost}
+        return {"lost_messages": str(self._lost())} | lost
 
 
 def main(args: list[str] | None = None) -> int:
     """Run the recorder; return the exit status."""
     return run(RecorderNode, args)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -2,43 +2,48 @@
 
 from __future__ import annotations
 
-if __name__ == "__main__":  # before the imports that take long: see launcher
-    from diffbot_core.launcher import launch
-
-    raise SystemExit(launch("diffbot_bag.replay_node"))
-
-import math
+import datetime
 import sys
 import threading
 import time
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
+from std_srvs.srv import Trigger
 
-from diffbot_bag.bag.merged_bags import MergedBags
-from diffbot_bag.bag.metadata import Topic
-from diffbot_bag.bag.qos import REPLAY_DEPTH
-from diffbot_bag.bag.qos_overrides import read_overrides
-from diffbot_bag.bag.reader import RawMessage
-from diffbot_bag.bag.topic_selection import TopicSelection, absolute
-from diffbot_bag.mcap.chunks import BagLimits
-from diffbot_bag.parameters import ReplayConfig
-from diffbot_bag.replay.playback_clock import SECOND, Window, parse_remap, window
-from diffbot_bag.replay.player import Pace, Player, Sink, Source
-from diffbot_bag.ros.replay_control import ReplayControl
-from diffbot_bag.ros.replay_outputs import CLOCK_TOPIC, Naming, ReplayOutputs, clock_sender
-from diffbot_bag.ros.replay_services import ReplayServices
+from diffbot_bag.bag import MergedBags, RawMessage
+from diffbot_bag.keyboard import RIGHT, SPACE, UP, Keyboard
+from diffbot_bag.metadata import Topic
+from diffbot_bag.parameters import MAX_RATE, MIN_RATE, ReplayConfig
+from diffbot_bag.player import Player, Sink, Source, duration_text, nanoseconds, window
+from diffbot_bag.publications import CLOCK_TOPIC, Publications
+from diffbot_bag.qos import read_overrides, selection_of
 from diffbot_core.errors import DiffbotError, InvalidValueError
-from diffbot_core.ros.node import LATCHED, DiffbotNode, run, status_message
+from diffbot_core.ros.node import DiffbotNode, status_message
+from diffbot_core.ros.qos import LATCHED, QUEUE
+from diffbot_core.ros.run import run
+from diffbot_core.stamps import NS_PER_S
 
 STATUS_PERIOD = 0.5
-"""[s] between two ~/status messages."""
-MAX_CLOCK = 2**31 * SECOND
+"""[s] between two ~/status messages"""
+KEY_PERIOD = 0.05
+"""[s] between two looks at the keyboard"""
+RATE_STEP = 0.1
+"""[-] relative change of the rate by the arrow keys"""
+ACKNOWLEDGEMENT_TIMEOUT = 5.0
+"""[s] longest wait for reliable subscribers at the end"""
+MAX_CLOCK = 2**31 * NS_PER_S
 """[ns] times that do not fit into builtin_interfaces/Time"""
 SWITCH_INTERVAL = 0.0005
 """[s] after which Python switches threads; with the default of 5 ms, reading ahead would delay messages"""
+PLAYER_NAME = "rosbag2_player"
+"""Name of rosbag2's node, below which its clients find its services."""
 
 
 class ReplayNode(DiffbotNode[ReplayConfig]):
@@ -53,48 +58,41 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
             DiffbotError: if a parameter is not allowed or a bag cannot be read.
         """
         super().__init__("replay", ReplayConfig, **node_options)
-        self._ending = threading.Event()
+        config = self.config
         with ExitStack() as refused:
             refused.callback(self.destroy_node)
-            self._bags = self._open()
-            refused.callback(self._bags.close)
+            if not config.uri:
+                raise InvalidValueError("uri", "", "the folder of a bag or an MCAP file")
+            self._bags = bags = MergedBags([Path(path) for path in (config.uri, *config.bags)])
+            refused.callback(bags.close)
+            for warning in bags.warnings:
+                self.get_logger().warning(warning)
             topics = self._selected_topics()
-            self._window = self._make_window()
-            self._outputs = self._make_outputs(topics)
+            if config.clock > 0.0 and bags.end >= MAX_CLOCK:
+                raise DiffbotError(f"{bags} ends at {bags.end} ns, which /clock cannot hold")
+            self._window = window(bags.start, bags.end, config.start_offset, config.playback_duration)
+            overrides = read_overrides(config.qos_profile_overrides_path, self.get_namespace())
+            self._publications = Publications(self, topics, overrides, bounded=config.as_fast_as_possible)
+            if not self._publications.names:
+                raise DiffbotError(f"no topic of {bags} can be published")
             self._player = self._make_player()
-            self._control = ReplayControl(self, self._player, self._bags.start, self._window, self._ending)
+            if config.seek >= 0.0:
+                self._player.seek(self._time_of(config.seek))
             refused.pop_all()
-        self._status = self.create_publisher(DiagnosticStatus, "~/status", LATCHED)
         self._state = "waiting for subscribers"
-        self._offers = ReplayServices(self, self._player, self._control, self._publish_status)
+        self._status = self.create_publisher(DiagnosticStatus, "~/status", LATCHED)
+        self._keyboard = self._open_keyboard()
+        self._offer_services()
+        self.add_on_set_parameters_callback(self._check)
+        self.add_post_set_parameters_callback(self._apply)
         self.create_timer(STATUS_PERIOD, self._publish_status, clock=self.steady_clock)
-        if not self.config.disable_keyboard_controls:
-            self._control.use_keyboard()
         sys.setswitchinterval(SWITCH_INTERVAL)
         self._thread = threading.Thread(target=self._play, name="player", daemon=True)
         self._thread.start()
 
-    def _open(self) -> MergedBags:
-        config = self.config
-        if not config.uri:
-            raise InvalidValueError("uri", "", "the folder of a bag or an MCAP file")
-        limits = BagLimits(config.max_compression_ratio, config.max_unpacked_size)
-        bags = MergedBags([Path(path) for path in (config.uri, *config.bags)], limits)
-        for warning in bags.warnings:
-            self.get_logger().warning(warning)
-        return bags
-
     def _selected_topics(self) -> dict[str, Topic]:
-        config, namespace = self.config, self.get_namespace()
-        selection = TopicSelection(
-            topics=tuple(absolute(name, namespace) for name in config.topics),
-            regex=config.regex,
-            exclude_topics=tuple(absolute(name, namespace) for name in config.exclude_topics),
-            exclude_regex=config.exclude_regex,
-            include_hidden_topics=True,
-        )
-        selection.check()
-        known = self._bags.topics
+        config, known = self.config, self._bags.topics
+        selection = selection_of(config, self.get_namespace(), include_hidden_topics=True)
         for name in selection.topics:
             if name not in known:
                 self.get_logger().warning(f"{name} is not in the bag")
@@ -106,76 +104,55 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
             raise DiffbotError(f"{self._bags} has no message to play")
         return selected
 
-    def _make_window(self) -> Window:
-        config, bags = self.config, self._bags
-        if config.clock > 0.0 and bags.end >= MAX_CLOCK:
-            raise DiffbotError(f"{bags} ends at {bags.end} ns, which /clock cannot hold")
-        return window(bags.start, bags.end, config.start_offset, config.playback_duration, config.playback_until)
-
-    def _make_outputs(self, topics: dict[str, Topic]) -> ReplayOutputs:
-        config = self.config
-        naming = Naming(
-            remap=parse_remap(config.remap),
-            overrides=read_overrides(config.qos_profile_overrides_path, REPLAY_DEPTH, self.get_namespace()),
-            max_unacknowledged=config.max_unacknowledged if config.as_fast_as_possible else 0,
-            patience=math.inf if config.as_fast_as_possible else config.wait_acked_timeout or math.inf,
-        )
-        outputs = ReplayOutputs(self, topics, naming, self._ending)
-        if not outputs.names:
-            raise DiffbotError(f"no topic of {self._bags} can be published")
-        return outputs
-
     def _make_player(self) -> Player:
-        config, bags, outputs = self.config, self._bags, self._outputs
-        pace = Pace(
-            rate=0.0 if config.as_fast_as_possible else config.rate,
-            loop=config.loop,
-            delay=config.delay,
-            start_paused=config.start_paused,
-            clock=config.clock,
-            read_ahead=config.read_ahead_queue_size,
-        )
+        config, bags, publications = self.config, self._bags, self._publications
         source = Source(
-            lambda start: bags.messages(outputs.names, start, self._window.end),
-            lambda start: bags.last_before(start, outputs.latched),
+            lambda start: bags.messages(publications.names, start, self._window.end),
+            lambda start: bags.latched_before(start, publications.latched),
         )
-        return Player(self._window, source, Sink(self._send, clock_sender(self) if config.clock > 0.0 else None), pace)
+        clock = self._make_clock() if config.clock > 0.0 else lambda _: None
+        return Player(self._window, source, Sink(self._send, clock, self._report_gap), config)
+
+    def _make_clock(self) -> Callable[[int], None]:
+        publisher = self.create_publisher(Clock, CLOCK_TOPIC, QUEUE)
+
+        def send(bag_time: int) -> None:
+            message = Clock()
+            message.clock.sec, message.clock.nanosec = divmod(bag_time, NS_PER_S)
+            publisher.publish(message)
+
+        return send
 
     def _send(self, message: RawMessage) -> None:
-        self._outputs.send(message)
+        self._publications.send(message)
         self.health.sent[message.topic] += 1
+
+    def _report_gap(self, start: int, end: int) -> None:
+        position, name = (start - self._bags.start) / NS_PER_S, self.get_fully_qualified_name()
+        self.get_logger().warning(
+            f"gap of {duration_text(end - start)} without a message at {position:.3f} s of the bag, from {utc(start)}"
+            f" to {utc(end)}: to skip it, ros2 param set {name} skip_gaps true, or start with skip_gaps"
+        )
 
     def _play(self) -> None:
         exit_code = 1
         try:
-            self._wait_for_subscribers()
+            self._publications.wait_for_subscribers(self.config.wait_timeout)
             self._state = "playing"
             began = time.perf_counter()
             self._player.play()
             self._log_end(time.perf_counter() - began)
-            self._wait_until_acknowledged()
-            self._state = "stopped" if self._ending.is_set() else "done"
+            missing = self._publications.wait_until_acknowledged(ACKNOWLEDGEMENT_TIMEOUT)
+            if missing and not self._publications.stop.is_set():
+                names = " ".join(sorted(missing))
+                self.get_logger().warning(f"not acknowledged after {ACKNOWLEDGEMENT_TIMEOUT:g} s: {names}")
+            self._state = "stopped" if self._publications.stop.is_set() else "done"
             exit_code = 0
         except DiffbotError as error:
             self._state = "read error"
             self.get_logger().error(str(error))
         finally:
             self.finish(exit_code)
-
-    def _wait_for_subscribers(self) -> None:
-        config, names = self.config, set(self._outputs.names)
-        named = {absolute(name, self.get_namespace()) for name in config.wait_for_topics}
-        if unknown := named - names:
-            self.get_logger().warning(f"wait_for_topics that are not played are ignored: {' '.join(sorted(unknown))}")
-        missing = self._outputs.wait_for_subscribers(named & names, config.wait_timeout)
-        if missing and named:
-            self.get_logger().warning(f"no subscriber after {config.wait_timeout:g} s: {' '.join(sorted(missing))}")
-
-    def _wait_until_acknowledged(self) -> None:
-        timeout = self.config.wait_acked_timeout
-        missing = self._outputs.wait_until_acknowledged(timeout)
-        if missing and not self._ending.is_set():
-            self.get_logger().warning(f"not acknowledged after {timeout:g} s: {' '.join(sorted(missing))}")
 
     def _log_end(self, took: float) -> None:
         late = sorted(self._player.lateness)
@@ -188,13 +165,11 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
     def _publish_status(self) -> None:
         progress = self._player.progress()
         start, end = self._window
-        state = self._state
-        if state == "playing" and progress.is_paused:
-            state = "paused"
+        state = "paused" if self._state == "playing" and progress.is_paused else self._state
         played = (progress.bag_time - start) / (end - start) if end > start else 1.0
         values = {
             "uri": " ".join(str(path.absolute()) for path in self._bags.paths),
-            "time": f"{progress.bag_time / SECOND:.3f}",
+            "time": f"{progress.bag_time / NS_PER_S:.3f}",
             "progress": f"{max(0.0, played):.3f}",
             "messages": str(progress.sent),
             "rounds": str(progress.rounds),
@@ -203,15 +178,153 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
         level = DiagnosticStatus.ERROR if state == "read error" else DiagnosticStatus.OK
         self._status.publish(status_message(self.get_fully_qualified_name(), level[0], state, values))
 
+    def _end(self) -> None:
+        self._publications.stop.set()
+        self._player.stop()
+
+    def _time_of(self, seek: float) -> int:
+        """Return the log time [ns] of a value [s] of the parameter ``seek``."""
+        log_time, origin = self._bags.start + nanoseconds(seek), self._bags.start
+        if not self._window.start <= log_time <= self._window.end:
+            low, high = ((bound - origin) / NS_PER_S for bound in self._window)
+            raise InvalidValueError("seek", seek, f">= {low:.9g} s and <= {high:.9g} s, the part that is played")
+        return log_time
+
+    def _check(self, changes: list[Any]) -> SetParametersResult:
+        values, config = {change.name: change.value for change in changes}, self.config
+        try:
+            if values.get("seek", -1.0) >= 0.0:
+                self._time_of(values["seek"])
+            if config.as_fast_as_possible and values.get("rate", config.rate) != config.rate:
+                sentence = "the rate has no effect with as_fast_as_possible"
+                raise InvalidValueError("rate", values["rate"], sentence=sentence)
+        except DiffbotError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _apply(self, changes: list[Any]) -> None:
+        # By their values: rclpy calls the callback added last first, so that the node's config may be the old one.
+        for change in changes:
+            if change.name == "rate" and not self.config.as_fast_as_possible:
+                self._player.set_rate(change.value)
+            elif change.name == "seek" and change.value >= 0.0:
+                self._player.seek(self._time_of(change.value))
+            elif change.name == "skip_gaps":
+                self._player.set_skip_gaps(change.value)
+
+    def _set_rate(self, rate: float) -> bool:
+        """Change the parameter ``rate``; return False if the value is not allowed."""
+        return bool(self.set_parameters([Parameter("rate", value=float(rate))])[0].successful)
+
+    def _open_keyboard(self) -> Keyboard | None:
+        if self.config.disable_keyboard_controls or not (keyboard := Keyboard()).is_open:
+            return None
+        self.get_logger().info(
+            "keys: space pauses and resumes, right sends one message of a paused replay, up and down change the rate"
+        )
+        self.create_timer(KEY_PERIOD, lambda: self._obey(keyboard.pressed()), clock=self.steady_clock)
+        return keyboard
+
+    def _obey(self, keys: list[str]) -> None:
+        for key in keys:
+            if key == SPACE:
+                self._pause(not self._is_paused())
+                self.get_logger().info("paused" if self._is_paused() else "playing")
+            elif key == RIGHT:
+                self._player.step(timeout=0.0)
+            elif not self.config.as_fast_as_possible:
+                rate = self.config.rate * (1.0 + (RATE_STEP if key == UP else -RATE_STEP))
+                self._set_rate(min(max(rate, MIN_RATE), MAX_RATE))
+                self.get_logger().info(f"rate {self.config.rate:.3g}")
+
+    def _pause(self, paused: bool) -> dict[str, Any]:
+        self._player.pause(paused)
+        return {}
+
+    def _is_paused(self) -> bool:
+        return self._player.progress().is_paused
+
+    def _offer_services(self) -> None:
+        """Offer Triggers under the node's name and, where rosbag2_interfaces is installed, the services of rosbag2.
+
+        A Trigger carries no argument: seek and set_rate are parameters there.
+        """
+        for name, action in self._actions().items():
+            if name not in ("seek", "set_rate"):
+                self.create_service(Trigger, f"~/{name}", self._answering(action, self._to_trigger))
+        try:
+            from rosbag2_interfaces import srv  # noqa: PLC0415 - no wheel contains it
+        except ImportError:
+            return
+        self.offer_rosbag2_services(srv)
+
+    def offer_rosbag2_services(self, types: Any) -> None:
+        """Offer the services of rosbag2's player; ``types`` is the module rosbag2_interfaces.srv."""
+        for name, action in self._actions().items():
+            kind = getattr(types, "".join(word.capitalize() for word in name.split("_")))
+            self.create_service(kind, f"{PLAYER_NAME}/{name}", self._answering(action, lambda fields: fields))
+
+    def _actions(self) -> dict[str, Callable[[Any], dict[str, Any]]]:
+        """Return a function per service that returns the fields of rosbag2's response, given the request."""
+        player = self._player
+
+        def seek(request: Any) -> dict[str, Any]:
+            log_time = int(request.time.sec) * NS_PER_S + int(request.time.nanosec)
+            return {"success": self._window.start <= log_time <= self._window.end and player.seek(log_time)}
+
+        def stop(_request: Any) -> dict[str, Any]:
+            self._end()
+            return {}
+
+        return {
+            "pause": lambda _: self._pause(True),
+            "resume": lambda _: self._pause(False),
+            "toggle_paused": lambda _: self._pause(not self._is_paused()),
+            "stop": stop,
+            "is_paused": lambda _: {"paused": self._is_paused()},
+            "get_rate": lambda _: {"rate": player.progress().rate},
+            "play_next": lambda _: {"success": player.step()},
+            "set_rate": lambda request: {"success": self._set_rate(request.rate)},
+            "seek": seek,
+        }
+
+    def _to_trigger(self, fields: dict[str, Any]) -> dict[str, Any]:
+        """Return the fields of a Trigger's response: the rate in text, or the state of the player."""
+        state = "stopped" if self._publications.stop.is_set() else "paused" if self._is_paused() else "playing"
+        text = f"{fields['rate']:g}" if "rate" in fields else state
+        return {"success": fields.get("success", True), "message": text}
+
+    def _answering(
+        self, action: Callable[[Any], dict[str, Any]], to_response: Callable[[dict[str, Any]], dict[str, Any]]
+    ) -> Callable[[Any, Any], Any]:
+        def answer(request: Any, response: Any) -> Any:
+            for field, value in to_response(action(request)).items():
+                setattr(response, field, value)
+            self._publish_status()
+            return response
+
+        return answer
+
     def before_shutdown(self) -> None:
         """Stop the player, restore the terminal and close the bags."""
-        self._control.end()
+        self._end()
         self._thread.join()
-        self._control.close()
+        if self._keyboard is not None:
+            self._keyboard.close()
         self._publish_status()
         self._bags.close()
+
+
+def utc(log_time: int) -> str:
+    """Return a log time [ns] as date and time in UTC."""
+    moment = datetime.datetime.fromtimestamp(log_time // NS_PER_S, datetime.timezone.utc)
+    return moment.strftime("%Y-%m-%d %H:%M:%S UTC")
 
 
 def main(args: list[str] | None = None) -> int:
     """Play a bag; return the exit status."""
     return run(ReplayNode, args)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,53 +1,34 @@
-"""The node ``controller``: pose or odometry/filtered, and goal_pose, goal_update or path -> cmd_vel."""
+"""The node ``controller``: a pose and a goal or path -> cmd_vel."""
 
 from __future__ import annotations
 
-if __name__ == "__main__":  # before the imports that take long: see launcher
-    from diffbot_core.launcher import launch
-
-    raise SystemExit(launch("diffbot_control.controller_node"))
-
-import math
 import time
 from collections.abc import Mapping
 from typing import Any
 
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
-from nav_msgs.msg import Odometry, Path
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
 from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Bool
-from std_srvs.srv import Trigger
 
-from diffbot_control.goals.dock_contact import DockContact
-from diffbot_control.goals.driver import STOP
-from diffbot_control.goals.goal_record import NOT_REACHED
-from diffbot_control.goals.states import ACTIVE
+from diffbot_control.goals.record import CANCELLED, NOT_REACHED
+from diffbot_control.goals.states import STALE, WAITING, WITH_GOAL
 from diffbot_control.goals.supervisor import Supervisor
-from diffbot_control.ros.controller_publishers import STATE_LOG_PERIOD, ControllerPublishers
-from diffbot_control.ros.controller_status import BEYOND_LIMITS, LEVELS
+from diffbot_control.law.law import CONTACT, CONTACT_UNKNOWN, NO_CONTACT, STOP
+from diffbot_control.ros.controller_publishers import BEYOND_LIMITS, LEVELS, STATE_LOG_PERIOD, ControllerPublishers
 from diffbot_control.ros.frames import robot_frame
-from diffbot_control.ros.goals.nav2_actions import serve_nav2_actions
+from diffbot_control.ros.goals.actions import ActionServers, Nav2Actions, serve
 from diffbot_control.ros.goals.server import GoalServer
-from diffbot_control.ros.goals.updates import TOPIC as UPDATE_TOPIC
-from diffbot_control.ros.goals.updates import WITHOUT_GOAL, GoalUpdates
-from diffbot_control.ros.messages.conversions import goal_from, path_from, pose_from, poses_along
-from diffbot_control.ros.messages.fields import stamp_ns
-from diffbot_control.ros.messages.raw import read_path, read_pose
-from diffbot_control.ros.parameters.controller import (
-    CONTROLLER_PRESETS,
-    ControllerNodeConfig,
-    law_of,
-    parameter_set_of,
-)
-from diffbot_control.ros.pose_watch import PoseWatch
-from diffbot_control.ros.tf import transforms_of
-from diffbot_core.errors import BadMessageError
+from diffbot_control.ros.messages.fields import pose_from
+from diffbot_control.ros.parameters.controller import ControllerNodeConfig, law_of, parameter_set_of
 from diffbot_core.geometry import Pose
 from diffbot_core.ros.managed_node import ManagedNode
-from diffbot_core.ros.node import run
-from diffbot_core.ros.qos import sensor_qos
+from diffbot_core.ros.qos import LATCHED, sensor_qos
+from diffbot_core.ros.run import run
+from diffbot_core.ros.watches import publisher_names
+from diffbot_core.stamps import NS_PER_S
 from diffbot_core.uncertainty import Uncertainty
-from diffbot_core.units import NS_PER_S
 
 _STATUS_PERIOD = 0.5
 _HAS_POWER = {
@@ -56,100 +37,123 @@ _HAS_POWER = {
     BatteryState.POWER_SUPPLY_STATUS_DISCHARGING: False,
     BatteryState.POWER_SUPPLY_STATUS_NOT_CHARGING: False,
 }
-"""States of a battery that report if a charger supplies the robot"""
-_MIN_WATCH_PERIOD = 1e-3
-"""[s] a timer with a period of 0 would use a whole processor."""
+"""True for the states of a battery in which a charger supplies the robot, False for those in which none does"""
+_MIN_WATCH_PERIOD, _MAX_WATCH_PERIOD = 1e-3, 0.05
+"""[s] bounds of the watch's period: a period of 0 would use a whole processor, and a waiting goal needs a bound"""
+_RECENT = 2.0
+"""[s] if poses arrived within this time and did not count, their stamps are unusable"""
+
+
+class PoseSource:
+    """Finds out why the controller receives no pose: from the graph, and from ~/status of the pose's publisher."""
+
+    def __init__(self, node: ControllerNode, topic: str) -> None:
+        """Store the node that needs the pose, and the topic as this node names it."""
+        self._node, self._topic = node, topic
+        self._name = self._status = ""
+        """name of the publishing node, and its newest status"""
+
+    def problem(self) -> str:
+        """Return why no pose counts, in words; the controller asks twice a second while it waits for a pose."""
+        if text := self._node.input_problem(self._topic):
+            return text
+        topic = self._node.resolve_topic_name(self._topic)
+        names = [name for name in publisher_names(self._node, topic) if name.startswith("/")]
+        if not names:
+            return f"nothing publishes {topic}: start its source, or remap {topic}"
+        if names[0] != self._name:
+            self._name, self._status = names[0], ""
+            self._node.create_subscription(DiagnosticStatus, f"{self._name}/status", self._on_status, LATCHED)
+            return ""  # the latched status arrives before the next call
+        if time.monotonic() - self._node.health.last_received.get(self._topic, 0.0) <= _RECENT:
+            return f"poses arrive on {topic}, but late or without advancing stamps: compare the clocks"
+        return f"{self._name}: {self._status}" if self._status else f"{self._name} publishes nothing on {topic}"
+
+    def _on_status(self, message: DiagnosticStatus) -> None:
+        if message.name == self._name:
+            reason = next((f": {pair.value}" for pair in message.values if pair.key == "reason"), "")
+            self._status = message.message + reason
 
 
 class ControllerNode(ManagedNode[ControllerNodeConfig]):
-    """Answers every pose with one command while a goal is driven to or held."""
+    """Answers every pose with one command while the robot drives to a goal or holds it."""
 
     moves_the_robot = True
+    actions: type[ActionServers] = Nav2Actions
+    """class of the action servers"""
 
     def __init__(self, **node_options: Any) -> None:
-        """Create the node, and with ``autostart`` start it."""
-        super().__init__("controller", ControllerNodeConfig, CONTROLLER_PRESETS, **node_options)
+        """Create the node; with the parameter ``autostart`` it is active afterwards."""
+        super().__init__("controller", ControllerNodeConfig, None, **node_options)
 
     def configure(self) -> None:
-        """Create publishers, subscriptions, the timer for missing poses and the service ~/cancel."""
+        """Create publishers, subscriptions, services and the timers for missing poses and the status."""
         config = self.config
-        self.law = law_of(config.law)
-        self.supervisor = Supervisor(config.supervisor, self.law)
+        self.supervisor = Supervisor(config.supervisor, law_of(config.law))
         self._robot_frame = robot_frame(config)
         self.outputs = ControllerPublishers(self)
-        self._transforms = transforms_of(self, config.transform_tolerance)
-        self._pose_watch = PoseWatch(self.clock_watch)
-        self._newest_time = 0.0
-        self._contact = DockContact()
-        self.goals = GoalServer(self, self.supervisor, self._goals_of, self._now, self.cancel, self._publish_status)
-        self._actions = serve_nav2_actions(self, self.goals)
-        self.subscribe(PoseStamped, "goal_pose", lambda message: self.goals.singles.take(self._goals_of(message)[0]))
-        self._updates = GoalUpdates(self, self.goals)
-        self.subscribe(PoseStamped, UPDATE_TOPIC, self._on_goal_update, sensor_qos(config.reliable_inputs))
-        self.subscribe(Path, "path", self._on_path, raw=True)
-        if hasattr(self.supervisor.memory, "contact"):
-            self.subscribe(Bool, "dock_contact", self._on_switch)
-            self.subscribe(BatteryState, "battery_state", self._on_battery)
+        self.goals = GoalServer(self)
+        self._actions = serve(self.actions, self)
+        self._switch: bool | None = None
+        self._has_power = False
+        """newest reports of the contact switch (None: no report), and of the battery: a charger supplies the robot"""
+        self.subscribe(Bool, "dock_contact", self._on_switch)
+        self.subscribe(BatteryState, "battery_state", self._on_battery)
         self._pose_topic = "pose" if config.pose_source == "pose" else "odometry/filtered"
         self._receive_poses(self._pose_topic)
+        self._pose_source = PoseSource(self, self._pose_topic)
         self.publisher_watch.watch("cmd_vel", "drive the robot", config.commands.max_cmd_vel_publishers)
         self.publisher_watch.watch(self._pose_topic, "estimate the pose")
-        self.create_service(Trigger, "~/cancel", self._on_cancel)
         self._watch = self.create_timer(self._watch_period(), self._on_tick, clock=self.steady_clock)
-        self.create_timer(_STATUS_PERIOD, self._publish_status, clock=self.steady_clock)
+        self.create_timer(_STATUS_PERIOD, self._on_status_tick, clock=self.steady_clock)
 
     def activate(self) -> None:
-        """Start without a goal and publish that."""
-        self._start_anew()
-        self._pose_watch.on_goal()
-        # Even without a goal: the first message that a subscriber receives is then the past, and all others are new.
+        """Start without a goal."""
+        self._reset()
+        # With this message every subscriber knows which goals are old, and that later messages are new.
         self.goals.publish_changes(force=True)
-        self._publish_status()
+        self.outputs.publish_status(self.supervisor)
 
-    def _start_anew(self) -> None:
-        book = self.supervisor.goals
-        self.supervisor = self.goals.supervisor = Supervisor(self.config.supervisor, self.law)
-        # How earlier goals ended is still to be answered.
-        self.supervisor.goals = book
-        # A switch may report changes only.
-        self.supervisor.on_contact(self._contact.touches)
+    def _reset(self) -> None:
+        """Replace the supervisor by a new one, which keeps only the records of goals and the contact."""
+        before, self.supervisor = self.supervisor, Supervisor(self.config.supervisor, self.supervisor.law)
+        # The ends of earlier goals may not be published yet, and a switch may report its changes only.
+        self.supervisor.goals, self.supervisor.contact = before.goals, before.contact
 
     def deactivate(self) -> None:
-        """Stop the robot and leave cmd_vel to others; the goal is cancelled."""
-        # First, since the rest may fail, and before the publisher may be destroyed.
-        self.outputs.deliver(STOP)
-        self.goals.drop_pending()
+        """Stop the robot, cancel the goal and leave cmd_vel to others."""
+        # First, because the rest may fail.
+        self.outputs.commands.deliver(STOP)
+        self.goals.drop_waiting(CANCELLED, "the controller was deactivated")
         self.supervisor.on_stop()
-        self._publish_status()
+        self.outputs.publish_status(self.supervisor)
         self.goals.publish_changes()
 
     def halt(self) -> None:
-        """Stop the robot and end the goal as not reached; it stands until the next one."""
+        """Stop the robot and end the goal as not reached; the robot stands until the next goal."""
         if not self.is_active:
             return
-        self.outputs.send(STOP)  # first: what follows may fail, too
-        has_goal = self.goals.paths.drop() or self.supervisor.state in ACTIVE
-        reason = self.faults.newest
-        self.supervisor.goals.close(NOT_REACHED, reason)
-        # Where it has failed is unknown: nothing of it is used again.
-        self._start_anew()
-        if has_goal:
+        self.outputs.commands.send(STOP)  # first, because the rest may fail
+        reason, supervisor = self.faults.newest, self.supervisor
+        had_goal = supervisor.state in WITH_GOAL or supervisor.goals.present is not None
+        had_goal = self.goals.drop_waiting(NOT_REACHED, reason) or had_goal
+        supervisor.goals.close(NOT_REACHED, reason, supervisor.elapsed)
+        # The error may have left the supervisor in any state.
+        self._reset()
+        if had_goal:
             self.supervisor.on_fault(reason)
-        self._publish_status()
+        self.outputs.publish_status(self.supervisor)
         self.goals.publish_changes(force=True)
 
     def cleanup(self) -> None:
-        """Take the actions out of service."""
+        """Destroy the action servers."""
         if self._actions is not None:
             self._actions.destroy()
 
     def _receive_poses(self, topic: str) -> None:
-        """Subscribe to the pose's topic."""
+        """Subscribe to the topic of the pose."""
         qos = sensor_qos(self.config.reliable_inputs)
-        if topic == "pose":
-            self.subscribe(PoseWithCovarianceStamped, topic, lambda data: self._on_pose(read_pose(data)), qos, raw=True)
-        else:
-            self.subscribe(Odometry, topic, self._on_pose, qos)
+        self.subscribe(PoseWithCovarianceStamped if topic == "pose" else Odometry, topic, self._on_pose, qos)
 
     def parameter_set(
         self,
@@ -157,102 +161,92 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         presets: Mapping[str, ControllerNodeConfig] | None,
         overrides: Mapping[str, Any],
     ) -> tuple[type[ControllerNodeConfig], Mapping[str, ControllerNodeConfig] | None]:
-        """Return the parameters for the law among the overrides."""
+        """Return the parameters of the node with the law that the overrides select."""
         return parameter_set_of(overrides)
 
     def on_config(self, config: ControllerNodeConfig) -> None:
-        """Use changed gains, limits and tolerances from the next pose on."""
+        """Use changed limits and tolerances from the next pose on."""
         self.supervisor.config = config.supervisor
         self._watch.timer_period_ns = int(self._watch_period() * NS_PER_S)
 
     def health_level(self) -> tuple[int, str]:
-        """Report the controller's state in /diagnostics."""
+        """Return level and text for /diagnostics, which begins with the controller's state."""
         level, text = super().health_level()
-        problem = self._pose_watch.clock_problem(self.config) if self.is_configured else ""
+        problem = (self._clock_problem() or self.supervisor.problem) if self.is_configured else ""
         text = text if problem in text else f"{problem}; {text}"
-        return max(level, LEVELS.get(self.supervisor.status, 0)), f"{self.supervisor.status}; {text}"
+        level = max(level, DiagnosticStatus.WARN[0] if problem else 0, LEVELS.get(self.supervisor.status, 0))
+        return level, f"{self.supervisor.status}; {text}"
+
+    def now(self) -> float:
+        """Return the node's time [s]."""
+        return self.clock_watch.now()
 
     def _watch_period(self) -> float:
-        # A clock that stands still is noticed up to one period late, and so is the end of its timeout.
-        return min(max(0.125 * self.config.supervisor.pose_timeout, _MIN_WATCH_PERIOD), 0.05)
+        # The watch detects a clock that stands still up to one period late, and the end of pose_timeout as well.
+        return min(max(0.125 * self.config.supervisor.pose_timeout, _MIN_WATCH_PERIOD), _MAX_WATCH_PERIOD)
 
-    def _on_path(self, data: bytes) -> None:
-        self._check_active()
-        config = self.config
-        self.goals.paths.start(poses_along(read_path(data), config.map_frame, self._transforms, config.max_path_poses))
+    def _clock_problem(self) -> str:
+        """Return why the clock is unreliable; empty if the robot may drive."""
+        clock, supervisor = self.clock_watch, self.config.supervisor
+        if clock.is_unreliable:
+            return clock.problem or "time on /clock jumped back"
+        # In lock-step the plant waits for the answer, however long it takes in real time.
+        stands = not supervisor.publish_when_idle and clock.standstill() > supervisor.pose_timeout
+        return (clock.problem or "time on /clock stands still") if stands else ""
 
     def _on_switch(self, message: Bool) -> None:
-        self._contact.on_switch(message.data)
-        self.supervisor.on_contact(self._contact.touches)
+        self._switch = message.data
+        self._report_contact()
 
     def _on_battery(self, message: BatteryState) -> None:
-        self._contact.on_charger(_HAS_POWER.get(message.power_supply_status))
-        self.supervisor.on_contact(self._contact.touches)
+        # A state that says nothing about the charger does not change the report.
+        self._has_power = _HAS_POWER.get(message.power_supply_status, self._has_power)
+        self._report_contact()
 
-    def _on_goal_update(self, message: PoseStamped) -> None:
-        if self.supervisor.goals.present is None:
-            self.health.counted[WITHOUT_GOAL] += 1
-            return
-        goal = goal_from(message, self.config.map_frame, self._transforms)
-        self._updates.take(stamp_ns(message.header.stamp), goal)
+    def _report_contact(self) -> None:
+        """Set the contact of the law's observation.
 
-    def _goals_of(self, message: PoseStamped | Path) -> list[Pose]:
-        """Return the goals of a message in ``map_frame``.
-
-        Raises:
-            BadMessageError: if it cannot be used, or the node is inactive.
+        A closed switch is contact whatever the battery reports, because a charger may pause while the robot is docked.
         """
-        self._check_active()
-        frame = self.config.map_frame
-        if isinstance(message, Path):
-            return path_from(message, frame, self._transforms, self.config.max_path_poses)
-        return [goal_from(message, frame, self._transforms)]
-
-    def _check_active(self) -> None:
-        if not self.is_active:
-            raise BadMessageError("the controller is inactive")
-        self._pose_watch.on_goal()
+        if self._switch or self._has_power:
+            self.supervisor.contact = CONTACT
+        else:
+            self.supervisor.contact = CONTACT_UNKNOWN if self._switch is None else NO_CONTACT
 
     def _on_pose(self, message: PoseWithCovarianceStamped | Odometry) -> None:
         stamp, pose, uncertainty = pose_from(message, self.config.map_frame, self._robot_frame)
         self._answer(stamp, pose, self._fallback() if uncertainty is None else uncertainty)
 
     def take_pose(self, stamp: int, pose: Pose, uncertainty: Uncertainty) -> None:
-        """Answer an estimate handed over in this process, as if it had come as a message.
+        """Answer an estimate of this process as if it had arrived in a message.
 
         Args:
-            stamp: [ns] time the pose belongs to.
+            stamp: [ns] time to which the pose belongs.
             pose: in ``map_frame``.
-            uncertainty: of the pose; it has to be known.
+            uncertainty: of the pose.
         """
         if self._answer(stamp, pose, uncertainty):
             self.health.accept(self._pose_topic, time.monotonic())
 
     def _answer(self, stamp: int, pose: Pose, uncertainty: Uncertainty) -> bool:
-        """Answer a pose; return whether its stamp advanced, the only sign of life there is."""
-        advances = self._pose_watch.on_pose(stamp)
-        if not advances:
-            self.health.counted[f"{self._pose_topic} without a later stamp"] += 1
+        """Answer a pose; return True if its stamp advanced, which is the only sign of life."""
         if not self.is_active:
-            return advances
-        if self._pose_watch.is_stale(self.config):
+            return True
+        supervisor = self.supervisor
+        self.goals.take_waiting()
+        supervisor.clock.is_simulated = self.clock_watch.is_simulated
+        if self._clock_problem():
             self._on_tick()
-            return advances
-        steady = math.nan if self.clock_watch.is_simulated else time.monotonic()
-        command = self.supervisor.on_pose(stamp, self._now(), pose, uncertainty, steady)
+            return True
+        command = supervisor.on_pose(stamp, self.now(), pose, uncertainty, time.monotonic())
+        if not supervisor.clock.advances:
+            self.health.counted[f"{self._pose_topic} without a later stamp"] += 1
         if command is not None:
-            self.outputs.send(command, stamp)
+            self.outputs.commands.send(command, stamp)
             self._report_limits()
-        self.outputs.publish_navigation(stamp, self.supervisor)
+        self.outputs.publish_navigation(stamp, supervisor)
         self._publish_changes()
-        return advances
-
-    def _now(self) -> float:
-        """Return the node's time [s]; what came before the first message on /clock is counted as of that message."""
-        before, self._newest_time = self._newest_time, self.clock_watch.now()
-        if before <= 0.0 < self._newest_time:
-            self.supervisor.count_time_from(self._newest_time)
-        return self._newest_time
+        return supervisor.clock.advances
 
     def _report_limits(self) -> None:
         if self.supervisor.is_beyond_limits:
@@ -260,7 +254,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
             self.get_logger().warning(BEYOND_LIMITS, throttle_duration_sec=STATE_LOG_PERIOD)
 
     def _fallback(self) -> Uncertainty:
-        """Return the uncertainty of a pose without covariance; counted, and logged once."""
+        """Return the uncertainty of a pose without covariance; count it, and log the first one."""
         note = f"{self._pose_topic} with the covariance of the parameters"
         self.health.counted[note] += 1
         fallback = self.config.pose_fallback
@@ -270,45 +264,37 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
                 f"{fallback.pose_sigma_xy:g} m, pose_sigma_yaw = {fallback.pose_sigma_yaw:g} rad "
                 "(logged once; see /diagnostics)"
             )
-        return fallback.uncertainty()
+        return Uncertainty(fallback.pose_sigma_xy, fallback.pose_sigma_yaw)
 
     def _on_tick(self) -> None:
         if not self.is_active:
             return
-        watch = self._pose_watch
-        command = self.supervisor.on_tick(
-            self._now(),
-            watch.silence(),
-            watch.is_stale(self.config),
-            watch.goal_age(self.supervisor.accepted),
-        )
+        self.goals.take_waiting()
+        supervisor = self.supervisor
+        supervisor.clock.is_simulated = self.clock_watch.is_simulated
+        command = supervisor.on_tick(self.now(), time.monotonic(), bool(self._clock_problem()))
         if command is not None:
-            self.outputs.send(command)
+            self.outputs.commands.send(command)
         self._publish_changes()
 
-    def _on_cancel(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success = self.cancel()
-        response.message = "cancelled" if response.success else "there was no goal"
-        return response
-
-    def cancel(self) -> bool:
-        """Drop the goal and start to come to rest; return whether there was one."""
-        had_goal = self.goals.drop_pending() or self.supervisor.goal is not None
-        command = self.supervisor.on_cancel()
-        if command is not None:
-            self.outputs.send(command)
-        self._publish_status()
-        self.goals.publish_changes(force=had_goal)
-        return had_goal
-
     def _publish_changes(self) -> None:
-        self.outputs.publish_status(self.supervisor, self.law, only_changes=True)
+        self.outputs.publish_status(self.supervisor, only_changes=True)
         self.goals.publish_changes()
 
-    def _publish_status(self) -> None:
-        self.outputs.publish_status(self.supervisor, self.law)
+    def _on_status_tick(self) -> None:
+        if self.is_active:
+            supervisor, commands = self.supervisor, self.outputs.commands
+            commands.check(supervisor.state in WITH_GOAL)
+            waits = supervisor.status in (STALE, WAITING)
+            pose_problem = (self._clock_problem() or self._pose_source.problem()) if waits else ""
+            supervisor.problem = "; ".join(filter(None, (pose_problem, commands.problem)))
+        self.outputs.publish_status(self.supervisor)
 
 
 def main(args: list[str] | None = None) -> int:
     """Run the node; return the exit status of the process."""
     return run(ControllerNode, args, shared_memory=False)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

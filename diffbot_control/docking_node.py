@@ -1,15 +1,11 @@
 """The nodes ``dock_ekf`` and ``dock_controller`` in one process: a robot's filter and law in the frame of its dock.
 
-They are the nodes ekf and controller, beside those that drive to goals in map: detected_dock_pose and odom ->
-dock/pose, and with dock/goal_pose, ``diffbot dock`` or the action dock_robot -> cmd_vel.
+They are a second ekf and a second controller, besides those that drive to goals in map. The filter turns
+detected_dock_pose and odom into dock/pose. The controller turns dock/pose and a goal (dock/goal_pose, ``diffbot dock``
+or the action dock_robot) into cmd_vel.
 """
 
 from __future__ import annotations
-
-if __name__ == "__main__":  # before the imports that take long: see launcher
-    from diffbot_core.launcher import launch
-
-    raise SystemExit(launch("diffbot_control.docking_node"))
 
 import math
 import time
@@ -26,37 +22,22 @@ from diffbot_control.filter.covariance import uncertainty_of
 from diffbot_control.law.docking import Docking
 from diffbot_control.law.docking_axis import MAX_UNCERTAINTY
 from diffbot_control.robot_node import RobotControllerNode
-from diffbot_control.ros.goals.dock_actions import serve_dock_actions
-from diffbot_control.ros.parameters.dock import NO_DOCK, POSE_WITH_COVARIANCE
+from diffbot_control.ros.goals.actions import DockActions
+from diffbot_control.ros.parameters.dock import DockEkfConfig
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose
-from diffbot_core.ros.node import LATCHED, run_together
+from diffbot_core.ros.qos import LATCHED
+from diffbot_core.ros.run import run
 from diffbot_core.schema import variant
 from diffbot_core.uncertainty import Uncertainty
 
 EKF, CONTROLLER = "dock_ekf", "dock_controller"
 _IN_MAP = (
     *("pose", "odometry/filtered", "global_pose", "heading", "landmarks", "initialpose"),
-    *("goal_pose", "goal_update", "path", "navigate_to_pose", "navigate_through_poses"),
+    *("goal_pose", "goal_update", "path"),
 )
-"""Topics and actions of the robot's own filter and controller, here of those in the dock's frame."""
-
-
-EKF_DEFAULTS = MappingProxyType(
-    {
-        "map_frame": "dock",
-        "publish_tf": False,
-        "dock_detection": POSE_WITH_COVARIANCE,
-        # A dock stands where it stands: detections that contradict the estimate are outliers, or of another dock.
-        "relocation_fixes": 1_000_000,
-        "relocation_timeout": 3600.0,
-        # The last way is driven by odometry alone, so the wheels' errors matter.
-        "wheels_as_configured": 0.0,
-        "wheel_radius_sigma": 0.02,
-    }
-)
-"""Where the filter differs from an ekf in map."""
+"""Topics of the filter and the controller in map, whose names get the prefix ``dock/`` here."""
 CONTROLLER_DEFAULTS = MappingProxyType(
     {
         "law": Docking.name,
@@ -64,23 +45,23 @@ CONTROLLER_DEFAULTS = MappingProxyType(
         "hold_goal": False,
         "goal_timeout": 120.0,
         "pose_lost_timeout": 5.0,
-        # This one, and the controller in map.
+        # This controller and the controller in map.
         "max_cmd_vel_publishers": 2,
     }
 )
-"""Where the controller differs from one in map."""
+"""Defaults that differ from those of the controller in map."""
 
 
 def remappings(name: str) -> list[str]:
-    """Return the arguments of a node that keep it apart from the one that it is a second copy of."""
+    """Return the arguments that give a node and its topics other names than those of the node in map."""
     rules = [f"__node:={name}", *(f"{topic}:=dock/{topic}" for topic in _IN_MAP)]
     return ["--ros-args", *(word for rule in rules for word in ("-r", rule))]
 
 
 _LOOK_PERIOD = 0.05
-"""[s] between two looks for a new goal while there are no poses"""
+"""[s] between two checks for a new goal while there are no poses"""
 _RELEASE_TIME = 0.5
-"""[s] within which the controller in map lets go; a goal that it then has is a newer one"""
+"""[s] time within which the controller in map drops its goal; a goal that it has later is a newer goal"""
 _UNDER_WAY = GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING
 
 
@@ -90,20 +71,22 @@ class DockEkfNode(EkfNode):
     def parameter_set(
         self, config_type: type[EkfNodeConfig], presets: Mapping[str, EkfNodeConfig] | None, overrides: Any
     ) -> tuple[type[EkfNodeConfig], Mapping[str, EkfNodeConfig] | None]:
-        """Return the parameters of an ekf with the defaults of this one."""
-        return variant(config_type, {}, values=EKF_DEFAULTS), presets
+        """Return the parameters of an ekf in the frame of a dock."""
+        return DockEkfConfig, presets
 
 
 class DockControllerNode(RobotControllerNode):
-    """The controller in the frame of the dock. Of its goals and those of the controller in map the newest wins."""
+    """The controller in the frame of the dock. The newest goal of this controller and of the controller in map wins."""
+
+    actions = DockActions
 
     def parameter_set(
         self, config_type: type[Any], presets: Mapping[str, Any] | None, overrides: Mapping[str, Any]
     ) -> tuple[type[Any], Mapping[str, Any] | None]:
-        """Return the parameters of a controller by the law of docking, with the defaults of this one.
+        """Return the parameters of a controller with the law ``docking`` and CONTROLLER_DEFAULTS.
 
         Raises:
-            InvalidValueError: for another law.
+            InvalidValueError: if another law is given.
         """
         if overrides.get("law", Docking.name) != Docking.name:
             raise InvalidValueError("law", overrides["law"], Docking.name)
@@ -111,49 +94,41 @@ class DockControllerNode(RobotControllerNode):
         return variant(config_type, {}, values=CONTROLLER_DEFAULTS), presets
 
     def configure(self) -> None:
-        """Watch the controller in map, too, and serve the actions of docking."""
+        """Subscribe to the goals of the controller in map, too."""
         super().configure()
-        self._dock_actions = serve_dock_actions(self, self.goals)
         self._accepted, self._began = 0, -math.inf
-        """number of goals so far, and when [s] on the steady clock the newest was noticed"""
+        """number of accepted goals, and steady time [s] at which the newest goal was detected"""
         self._in_map: GoalStatus | None = None
         self._before: GoalStatus | None = None
-        """newest goal of the controller in map: now, and when the newest goal of this one was noticed"""
+        """newest goal of the controller in map: at present, and when the newest goal of this controller was detected"""
         self._release = self.create_client(Trigger, "controller/cancel")
         self.create_subscription(GoalStatusArray, "controller/goal_status", self._on_goals_in_map, LATCHED)
         self.create_timer(_LOOK_PERIOD, self._look_at_goals, clock=self.steady_clock)
 
-    def cleanup(self) -> None:
-        """Take the actions out of service."""
-        if self._dock_actions is not None:
-            self._dock_actions.destroy()
-        super().cleanup()
-
     def take_pose(self, stamp: int, pose: Pose, uncertainty: Uncertainty) -> None:
-        """Answer an estimate."""
+        """Check for new goals, and answer an estimate."""
         self._look_at_goals()
         super().take_pose(stamp, pose, uncertainty)
 
     def _look_at_goals(self) -> None:
-        """For a new goal make the controller in map let go of its own, and later let go for a new one of that."""
+        """Cancel the goal of the controller in map if this controller has a new goal, and the other way round."""
         if self.supervisor.accepted != self._accepted:
             self._accepted, self._began, self._before = self.supervisor.accepted, time.monotonic(), self._in_map
             if self._release.service_is_ready():
                 self._release.call_async(Trigger.Request())
-            self._begin_anew_if_lost()
+            self._restart_filter_if_lost()
         elif (
             self._has_goal_in_map()
             and self.supervisor.goal is not None
             and time.monotonic() - self._began > _RELEASE_TIME
         ):
             self.get_logger().info("a new goal of the controller in map: letting go of the dock")
-            self.cancel()
+            self.goals.cancel()
 
-    def _begin_anew_if_lost(self) -> None:
-        """Let the filter see the dock anew, or another one, if its pose says nothing.
+    def _restart_filter_if_lost(self) -> None:
+        """Restart the filter if its pose is useless: it was not corrected for long, or detections contradict odometry.
 
-        So it is if detections contradict the odometry, or the dock was not seen for too long. Otherwise the pose is
-        needed: a docked robot does not see its dock.
+        Otherwise the pose is needed, because a docked robot does not detect its dock.
         """
         found = self._ekf.localization
         if found.contradiction.cause or (found.initialised and uncertainty_of(found.estimate().P).xy > MAX_UNCERTAINTY):
@@ -161,33 +136,31 @@ class DockControllerNode(RobotControllerNode):
             self._ekf.restart()
 
     def _has_goal_in_map(self) -> bool:
-        """Return whether the controller in map drives, or has reached a newer goal than this one, which it may hold."""
+        """Return True if the controller in map drives, or has reached a newer goal, which it may hold."""
         if self._in_map is None or self._before is None:
             return False
         is_new = self._in_map.goal_info.goal_id != self._before.goal_info.goal_id
         return self._in_map.status in _UNDER_WAY or (is_new and self._in_map.status == GoalStatus.STATUS_SUCCEEDED)
 
     def _on_goals_in_map(self, message: GoalStatusArray) -> None:
-        # Newest last; a controller that was started again has none.
+        # The newest goal is the last one; a controller that was restarted has no goals.
         self._in_map = message.status_list[-1] if message.status_list else GoalStatus()
-        # The topic is latched: the first message tells of the past, though it may come after the first docking began.
+        # The first, latched message is about the past, even if it arrives after the first docking has begun.
         if self._before is None:
             self._before = self._in_map
 
 
 def make_nodes() -> Iterator[EkfNode | ControllerNode]:
-    """Create the two nodes, the filter first.
-
-    Raises:
-        InvalidValueError: if there is nothing that detects the dock.
-    """
+    """Create the two nodes, the filter first."""
     ekf = DockEkfNode(cli_args=remappings(EKF))
     yield ekf
-    if ekf.config.dock.dock_detection == NO_DOCK:
-        raise InvalidValueError("dock_detection", NO_DOCK, "a type of messages")
     yield DockControllerNode(ekf, cli_args=remappings(CONTROLLER))
 
 
 def main(args: list[str] | None = None) -> int:
     """Run both nodes on one executor; return the exit status of the process."""
-    return run_together(make_nodes, args, shared_memory=False)
+    return run(make_nodes, args, shared_memory=False)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-if __name__ == "__main__":  # before the imports that take long: see launcher
-    from diffbot_core.launcher import launch
-
-    raise SystemExit(launch("diffbot_control.ekf_node"))
-
 import importlib
 import math
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
-from rclpy.qos import QoSProfile
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
@@ -28,39 +25,40 @@ from diffbot_control.filter.odometry import OdometryStep
 from diffbot_control.filter.state_file import BrokenStateError, StateKeeper
 from diffbot_control.ros.ekf_publishers import EkfPublishers
 from diffbot_control.ros.frames import odometry_frame
-from diffbot_control.ros.messages.ekf import EkfInputs, error_values
-from diffbot_control.ros.messages.fields import pose_in_message, pose_of
-from diffbot_control.ros.messages.raw import read_odometry, read_pose
+from diffbot_control.ros.input_watch import CONTRADICT, WINDOW, InputWatch
+from diffbot_control.ros.messages.ekf import EkfInputs, localization_values
+from diffbot_control.ros.messages.fields import measured_ns, pose_in_message, pose_of
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
-from diffbot_control.ros.sensors.fixes import POSE_MESSAGE
-from diffbot_control.ros.sensors.sensor import Sensor, fuse
-from diffbot_control.ros.tf import transform_sender
+from diffbot_control.ros.sensors import DockSensor, FixSensor, fuse
+from diffbot_control.ros.tf import transform_sender, transforms_of
+from diffbot_control.ros.transforms import LastTransform
 from diffbot_core.errors import BadMessageError, DiffbotError
 from diffbot_core.files import file_path
 from diffbot_core.geometry import Pose
+from diffbot_core.health import Throttle
 from diffbot_core.ros.managed_node import INACTIVE, ManagedNode
-from diffbot_core.ros.node import run, status_message
-from diffbot_core.ros.qos import STATUS, sensor_qos
-from diffbot_core.stamps import StampWatch
+from diffbot_core.ros.node import status_message
+from diffbot_core.ros.qos import LATCHED, STATUS, sensor_qos
+from diffbot_core.ros.run import run
+from diffbot_core.stamps import S_PER_NS, ForwardSteps, StampWatch
 from diffbot_core.uncertainty import Uncertainty
-from diffbot_core.units import S_PER_NS
 
 WAITING = "waiting for first fix"
 RUNNING = "running"
 SILENT = "no odometry"
 CONTRADICTED = "poses withheld"
 STANDSTILL = "odometry stands still"
-"""What /diagnostics adds if messages come, but none with a later stamp."""
+"""Reason in /diagnostics if messages arrive whose stamps do not advance."""
 _STATUS_PERIOD = 0.5
-_READERS = {POSE_MESSAGE: read_pose}
-"""Readers of frequent messages from their bytes."""
 _MAX_SLIP = 3.0
-"""[s] of wheels and gyro that contradict each other, after which one of them is broken"""
+"""[s] Wheels and gyro that contradict each other for longer are reported."""
+_FAULT_LOG_PERIOD = 60.0
+"""[s] between two log entries about the same fault of an input"""
 _SAVE_PERIOD = 5.0
-"""[s] between two saves of the state file: what a crash can lose."""
+"""[s] between two saves of the state file, which is what a crash can lose"""
 
 PoseReceiver = Callable[[int, Pose, Uncertainty], None]
-"""Takes stamp [ns], pose in ``map_frame`` and uncertainty of an estimate."""
+"""Receives stamp [ns], pose in ``map_frame`` and uncertainty of an estimate."""
 
 
 class EkfNode(ManagedNode[EkfNodeConfig]):
@@ -70,7 +68,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
     """called with each estimate before it is published, see robot_node"""
 
     def __init__(self, **node_options: Any) -> None:
-        """Create the node, and with ``autostart`` start it."""
+        """Create the node, and start it if ``autostart`` is set."""
         super().__init__("ekf", EkfNodeConfig, **node_options)
 
     def configure(self) -> None:
@@ -81,7 +79,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
             config.localization,
             separation,
             config.sensor_timeout,
-            landmarks=bool(config.landmarks.landmark_ids),
+            landmarks=tuple(config.landmarks.points().values()),
         )
         self._outputs = EkfPublishers(self)
         self._statuses = self.create_publisher(DiagnosticStatus, "~/status", STATUS)
@@ -96,16 +94,20 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         """[ns] steady time of the newest odometry of any kind"""
         self._last_gyro: int | None = None
         """[ns] steady time of the newest turn rate that was used"""
-        self._inputs = EkfInputs(config)
+        self._mounting = LastTransform(partial(transforms_of, self, config.sensor_timeout))
+        self._inputs = EkfInputs(config, self._mounting)
+        self._watch_inputs()
+        self._latched: dict[str, Any] = {}
+        """subscriptions to latched fixes from before the start, by topic"""
         self._keeper = self._restore()
         qos = sensor_qos(config.reliable_inputs)
         # Sensors before odometry: an executor that finds both waiting handles them in this order.
-        for sensor in self._inputs.sensors:
-            self._subscribe_to(sensor, qos)
+        for topic, sensor in self._inputs.sensors.items():
+            self.subscribe(_message_class(sensor.message_type), topic, partial(self._on_sensor, topic), qos)
         self.subscribe(PoseWithCovarianceStamped, "initialpose", self._on_initialpose)
         if config.odometry_source == "odom":
             self.publisher_watch.watch("odom", "measure the motion")
-            self.subscribe(Odometry, "odom", lambda data: self._on_odometry(read_odometry(data)), qos, raw=True)
+            self.subscribe(Odometry, "odom", self._on_odometry, qos)
         else:
             self.subscribe(JointState, "joint_states", self._on_joint_states, qos)
             if self._transforms is not None:
@@ -115,18 +117,29 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         if self._keeper is not None:
             self.create_timer(_SAVE_PERIOD, self._save, clock=self.steady_clock)
 
+    def _watch_inputs(self) -> None:
+        """Prepare the search for faults in the wiring."""
+        config = self.config
+        delays = {topic: one.usual_delay for topic, one in self._inputs.sensors.items()}
+        self._watch = InputWatch(config.odometry_source, (config.left_wheel_name, config.right_wheel_name), delays)
+        self._clock_steps = ForwardSteps()
+        self._window_end = time.monotonic() + WINDOW
+        self._faults: dict[str, str] = {}
+        """a text about each fault of the inputs, by the input at fault"""
+        self._fault_log = Throttle(_FAULT_LOG_PERIOD)
+
     def on_config(self, config: EkfNodeConfig) -> None:
         """Apply changed options."""
         self.localization.configure(config.localization, config.wheels.wheel_separation)
         self.localization.max_extrapolation = config.sensor_timeout
-        self._inputs = EkfInputs(config)
+        self._inputs = EkfInputs(config, self._mounting)
 
     def activate(self) -> None:
-        """Publish from the next odometry on; an inactive filter fuses, too, so that its estimate is the present one."""
+        """Publish from the next odometry on; an inactive filter fuses as well, so its estimate is up to date."""
         self._publish_status()
 
     def deactivate(self) -> None:
-        """Publish no more poses."""
+        """Stop publishing poses."""
         self._publish_status()
 
     def cleanup(self) -> None:
@@ -148,10 +161,25 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         return event is not None and (time.monotonic_ns() - event) * S_PER_NS <= self.config.sensor_timeout
 
     def _reason(self, state: str) -> str:
-        """Return why the filter does not run, where there is more to say."""
+        """Return why the filter does not run; empty if the state says it all."""
+        faults = [] if state in (RUNNING, INACTIVE) else list(self._faults.values())
         if state == CONTRADICTED:
-            return self.localization.contradiction.cause
-        return STANDSTILL if state == SILENT and self._is_recent(self._last_arrival) else ""
+            faults.insert(0, self.localization.contradiction.cause)
+        elif state == SILENT and self._is_recent(self._last_arrival):
+            faults.insert(0, STANDSTILL)
+        elif state in (WAITING, SILENT):
+            missing = [] if self._is_recent(self._last_odometry) else [self.config.odometry_source]
+            if state == WAITING:
+                sensors = self._inputs.sensors.items()
+                missing += [topic for topic, one in sensors if isinstance(one, FixSensor | DockSensor)]
+            faults += filter(None, map(self._why_silent, missing))
+        return "; ".join(faults)
+
+    def _why_silent(self, topic: str) -> str:
+        """Return why a topic is silent; empty if it is not."""
+        age = time.monotonic() - self.health.last_received.get(topic, -math.inf)
+        is_silent = age > self.config.sensor_timeout
+        return self.input_problem(topic) or f"nothing arrives on {self.resolve_topic_name(topic)}" * is_silent
 
     def _level(self, state: str) -> int:
         if state in (RUNNING, INACTIVE):
@@ -161,44 +189,67 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
     def health_level(self) -> tuple[int, str]:
         """Report the filter's state in /diagnostics."""
         level, text = super().health_level()
-        state, nis = self.state(), self.localization.monitor.nis()
+        state, consistency = self.state(), self.localization.consistency()
         warnings = []
         if reason := self._reason(state):
             warnings.append(reason)
-        if nis is not None and nis.mean > nis.alarm:
+        warnings += [one for one in self._faults.values() if one not in reason]
+        if any(one.nis > one.alarm for one in consistency.values()):
             warnings.append("innovations larger than the covariances allow")
         if self.config.localization.filter.use_gyro and self.localization.initialised:
             if not self._is_recent(self._last_gyro):
                 warnings.append("no turn rate on imu")
-            elif self.localization.slipping > _MAX_SLIP:
-                warnings.append("wheels and gyro contradict each other")
-        warnings += [f"innovations of {name} correlated in time" for name in self.localization.correlated()]
+            elif self.localization.slipping > _MAX_SLIP and "turn rate" not in self._faults:
+                warnings.append(CONTRADICT)
+        warnings += [
+            f"innovations of {name} correlated in time" for name, one in consistency.items() if one.is_correlated
+        ]
         if warnings:
             level, text = max(level, DiagnosticStatus.WARN[0]), "; ".join([*warnings, text])
         return max(level, self._level(state)), f"{state}; {text}"
 
-    def _subscribe_to(self, sensor: Sensor, qos: QoSProfile) -> None:
-        message_type = _message_class(sensor.message_type)
-        read = _READERS.get(sensor.message_type)
-        if read is None:
-            self.subscribe(message_type, sensor.topic, partial(self._on_sensor, sensor.topic), qos)
-        else:
-            handle = partial(self._on_sensor, sensor.topic)
-            self.subscribe(message_type, sensor.topic, lambda data: handle(read(data)), qos, raw=True)
-
     def _on_sensor(self, topic: str, message: Any) -> None:
-        reading = self._inputs.sensor(topic).read(message)
-        if reading.unknown:
-            self.health.counted[f"{topic} of unknown number"] += reading.unknown
-        fuse(reading, self.localization, partial(self._drop_one, topic))
-        if reading.gyro is not None:
+        content = self._inputs.sensors[topic].read(message)
+        self._watch.clocks.add(topic, measured_ns(message.header.stamp), self._now_ns())
+        if content.unknown:
+            self.health.counted[f"{topic} of unknown number"] += content.unknown
+        fuse(content, self.localization, partial(self._drop_one, topic))
+        if content.gyro is not None:
             self._last_gyro = time.monotonic_ns()
-        if reading.uses_fallback:
+        if content.assumed:
+            note = f"{topic} without a transform of its frame"
+            self.health.counted[note] += 1
+            if self.health.counted[note] == 1:
+                self.get_logger().warning(f"{topic}: {content.assumed} (logged once)")
+        if content.uses_fallback:
             self.health.counted[f"{topic} with the covariance of the parameters"] += 1
 
+    def _now_ns(self) -> int:
+        return int(self.get_clock().handle.get_now().nanoseconds)
+
+    def _receive_latched(self) -> None:
+        """Receive fixes that were latched before the start. AMCL, for instance, publishes again only after a motion."""
+        if self.localization.initialised:
+            while self._latched:
+                self.destroy_subscription(self._latched.popitem()[1])
+            return
+        for topic, sensor in self._inputs.sensors.items():
+            if not isinstance(sensor, FixSensor) or topic in self._latched:
+                continue
+            publishers = self.get_publishers_info_by_topic(self.resolve_topic_name(topic))
+            if any(one.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for one in publishers):
+                receive = self.contained(partial(self._on_latched, topic), topic)
+                kind = _message_class(sensor.message_type)
+                # Not by subscribe(): the parameters of the topic's QoS belong to its other subscription.
+                self._latched[topic] = Node.create_subscription(self, kind, topic, receive, LATCHED)
+
+    def _on_latched(self, topic: str, message: Any) -> None:
+        if not self.localization.initialised:
+            self._on_sensor(topic, message)
+
     def _drop_one(self, topic: str, error: BadMessageError) -> None:
-        """Count one measurement of several: the others of the message may be good."""
-        if self.health.drop(topic, error.kind):
+        """Count one measurement of several; the others of the message may be good."""
+        if self.health.drop(topic, error.kind, str(error)):
             self.get_logger().warning(f"{topic}: dropped: {error} (logged once; see /diagnostics)")
 
     def _restore(self) -> StateKeeper | None:
@@ -209,7 +260,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         try:
             self.get_logger().info(keeper.restore(self.config.wheels))
         except BrokenStateError as error:
-            # The robot must start without it.
+            # The robot must be able to start without the state.
             self.get_logger().error(f"state not restored: {error}")
         except DiffbotError as error:
             self.get_logger().error(f"state not restored, and none will be saved: {error}")
@@ -225,25 +276,33 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
             self.get_logger().error(f"cannot write state_file: {error.strerror or error}", throttle_duration_sec=60.0)
 
     def _on_initialpose(self, message: PoseWithCovarianceStamped) -> None:
-        fix = self._inputs.initialpose(message)
-        if fix.R is self._inputs.initial_noise.R:
+        stamp, pose, R = self._inputs.initialpose(message)
+        if R is self._inputs.initial_noise.R:
             self.health.counted["initialpose with the covariance of the parameters"] += 1
-        x, y, theta = fix.pose
-        self.localization.initialise(fix.pose, fix.R, fix.stamp or None)
-        self.get_logger().info(f"initialised at x {x:.3f} m, y {y:.3f} m, heading {theta:.3f} rad")
+        self.localization.initialise(pose, R, stamp or None)
+        self.get_logger().info("initialised at x {:.3f} m, y {:.3f} m, heading {:.3f} rad".format(*pose))
 
     def _on_odometry(self, message: Odometry) -> None:
-        estimate = self._answer(self._inputs.odometry(message))
+        step = self._inputs.odometry(message)
+        expected = odometry_frame(self.config) if self.config.publish_tf else ""
+        self._watch.receive_frame(message.header.frame_id, expected)
+        with suppress(BadMessageError):  # the filter does not need the pose
+            self._watch.odometry.add(step.stamp, pose_of(message.pose.pose), step.twist)
+        estimate = self._answer(step)
         if self._transforms is not None and self.is_active and not self.localization.contradiction.cause:
             self._transforms.send(estimate.stamp, estimate.pose, pose_of(message.pose.pose))
 
     def _on_joint_states(self, message: JointState) -> None:
         step = self._inputs.joint_states(message)
+        self._watch.receive_joints(tuple(message.name), has_wheels=step is not None)
+        if step is None:
+            self.health.counted["joint_states of other joints"] += 1
+            return
         estimate = self._answer(step)
-        self._newest = estimate, estimate.odometry or step
+        self._newest = estimate, step
 
     def _on_odometry_pose(self, message: Odometry) -> None:
-        """Send the transform to the odometry's frame, though the motion is that of joint_states."""
+        """Send the transform to the odometry's frame while joint_states predict the motion."""
         stamp, in_odom = self._inputs.odometry(message).stamp, pose_of(message.pose.pose)
         if self._transforms is None or self._newest is None:
             return
@@ -253,15 +312,22 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         dt = (stamp - estimate.stamp) * S_PER_NS
         if abs(dt) <= self.config.sensor_timeout:
             twist, _ = self.localization.twist_of(estimate, step)
-            self._transforms.send(stamp, move(estimate.pose, twist, dt).end, in_odom)
+            self._transforms.send(stamp, move(estimate.pose, twist, dt), in_odom)
 
     def _answer(self, odometry: OdometryStep) -> FilterEstimate:
         self._last_arrival = now = time.monotonic_ns()
+        self._watch.clocks.add(self.config.odometry_source, odometry.stamp, self._now_ns())
+        acts_for, is_simulated = math.inf, self.clock_watch.is_simulated
+        self.localization.time_restarts = is_simulated
+        if not is_simulated:
+            acts_for = self._clock_steps.passed(odometry.stamp, now * S_PER_NS)
         advances = self._odometry_stamps.advances(odometry.stamp)
         if advances and not self.localization.initialised:
-            # Refused for want of a fix only.
+            # The filter refuses it only because it has no fix.
             self._last_odometry = now
-        estimate = self.localization.on_odometry(odometry)
+        estimate = self.localization.on_odometry(odometry, acts_for)
+        if acts_for < math.inf:
+            self.health.counted["steps forward of the clock of the odometry"] += 1
         if advances:
             self._last_odometry = now
         else:
@@ -269,7 +335,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         if not self.is_active:
             return estimate
         if self.localization.contradiction.cause:
-            # No robot may be driven by this estimate.
+            # This estimate must not drive a robot.
             if self._last_state != CONTRADICTED:
                 self._publish_status()
             return estimate
@@ -278,18 +344,18 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         self._outputs.send_pose(estimate)
         if self._last_state != RUNNING:
             self._publish_status()
-        self._outputs.send_filtered(estimate, *self.localization.twist_of(estimate, estimate.odometry or odometry))
+        self._outputs.send_filtered(estimate, *self.localization.twist_of(estimate, odometry))
         return estimate
 
     def _hand_over(self, estimate: FilterEstimate, receiver: PoseReceiver) -> None:
-        """Give an estimate to the controller of this process, which receives the numbers that the message carries."""
+        """Pass an estimate to the controller of this process, with the same numbers as in the message."""
         pose, uncertainty = pose_in_message(estimate.pose), uncertainty_of(estimate.P)
-        # All that the checks of a message would find here: the robot must not be driven by a filter that has failed.
+        # The only check of a message that can fail here: a filter that has failed must not drive the robot.
         if math.isfinite(sum(pose) + sum(uncertainty)):
             receiver(estimate.stamp, pose, uncertainty)
 
     def restart(self) -> None:
-        """Forget the pose and all estimated errors: the next fix begins anew."""
+        """Reset the pose and all estimated errors; the next fix starts the filter again."""
         self.localization.reset()
         self._newest = None
 
@@ -307,6 +373,14 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
 
     def _check_and_report(self) -> None:
         self.localization.check_innovations()
+        self._receive_latched()
+        if (now := time.monotonic()) >= self._window_end:
+            self._window_end = now + WINDOW
+            self._watch.clocks.end_window()
+        self._faults = self._watch.faults(self.localization.turns, is_simulated=self.clock_watch.is_simulated)
+        for name, fault in self._faults.items():
+            if self._fault_log.is_due(name, now):
+                self.get_logger().warning(fault)
         self._publish_status()
 
     def _publish_status(self) -> None:
@@ -323,20 +397,26 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         """Return the filter's values for ~/status and /diagnostics."""
         values = {"filter": self.config.localization.filter.filter}
         if self.localization.initialised:
-            values |= self.localization.monitor.values() | error_values(self.localization.filter)
+            values |= localization_values(self.localization)
         if self.localization.slips:
             values["odometry steps against the gyro"] = str(self.localization.slips)
+        if self.localization.clock_set_back:
+            values["steps backward of the clock of the odometry"] = str(self.localization.clock_set_back)
         if self.localization.dropped_before_odometry:
             values["measurements before the first odometry"] = str(self.localization.dropped_before_odometry)
         return values
 
 
 def _message_class(name: str) -> Any:
-    """Return the class of a type of messages such as ``sensor_msgs/msg/Imu``."""
+    """Return the class of a message type such as ``sensor_msgs/msg/Imu``."""
     package, _, kind = name.split("/")
     return getattr(importlib.import_module(f"{package}.msg"), kind)
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node; the exit status of the process."""
+    """Run the node, and return the exit status of the process."""
     return run(EkfNode, args, shared_memory=False)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,11 +1,6 @@
-"""The nodes ``ekf`` and ``controller`` in one process: each pose is handed over by a call, before it is published."""
+"""The nodes ``ekf`` and ``controller`` in one process: the ekf calls the controller with each pose."""
 
 from __future__ import annotations
-
-if __name__ == "__main__":  # before the imports that take long: see launcher
-    from diffbot_core.launcher import launch
-
-    raise SystemExit(launch("diffbot_control.robot_node"))
 
 from collections.abc import Iterator
 from typing import Any
@@ -13,17 +8,17 @@ from typing import Any
 from diffbot_control.controller_node import ControllerNode
 from diffbot_control.ekf_node import EkfNode
 from diffbot_core.errors import DiffbotError
-from diffbot_core.ros.node import run_together
+from diffbot_core.ros.run import run
 
 
 class RobotControllerNode(ControllerNode):
-    """The controller, with the filter of its own process as the source of the pose."""
+    """The controller, which receives the pose from the filter of its process by a call."""
 
     def __init__(self, ekf: EkfNode, **node_options: Any) -> None:
         """Create the node.
 
         Args:
-            ekf: the filter; it has to be in the same context.
+            ekf: the filter, in the same context.
             node_options: options of rclpy's Node.
 
         Raises:
@@ -33,17 +28,17 @@ class RobotControllerNode(ControllerNode):
         super().__init__(**node_options)
 
     def _receive_poses(self, topic: str) -> None:
-        """Receive the pose by a call; if its topic is remapped to another one than the filter's, subscribe to that."""
+        """Receive the pose by a call, or subscribe to its topic if it is not the topic of the filter."""
         if self.resolve_topic_name(topic) != self._ekf.resolve_topic_name(topic):
             self.get_logger().info(f"{topic} is not that of this process's ekf: subscribing to it")
             super()._receive_poses(topic)
             return
-        # Those that the check of a message compares.
+        # The frames that are compared in a message.
         for frame in ("map_frame",) if topic == "pose" else ("map_frame", "base_link_frame", "frame_prefix"):
             mine, other = getattr(self.config, frame), getattr(self._ekf.config, frame)
             if mine != other:
                 raise DiffbotError(f"{frame}: the controller has {mine!r}, the ekf {other!r}: must be the same")
-        # An error of the controller is no error of the filter that hands the pose over.
+        # An error of the controller must not count as an error of the filter that calls it.
         self._ekf.pose_receiver = self.contained(self.take_pose, topic)
 
 
@@ -56,4 +51,8 @@ def make_nodes() -> Iterator[EkfNode | ControllerNode]:
 
 def main(args: list[str] | None = None) -> int:
     """Run both nodes on one executor; return the exit status of the process."""
-    return run_together(make_nodes, args, shared_memory=False)
+    return run(make_nodes, args, shared_memory=False)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

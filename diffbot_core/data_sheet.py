@@ -7,11 +7,11 @@ from typing import Annotated, NamedTuple, TypeAlias
 
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.kinematics import WheelGeometry
-from diffbot_core.ranges import ACCELERATION, ANGULAR_ACCELERATION, SPEED, TURN_RATE, WHEEL_SPEED
-from diffbot_core.schema import Spec, known_fields
+from diffbot_core.schema import ACCELERATION, ANGULAR_ACCELERATION, SPEED, TURN_RATE, WHEEL_SPEED, Spec, known_fields
 
 _INF = math.inf
-
+MAX_COMMAND_LATENCY = 5.0
+"""[s]"""
 
 MaxAcceleration: TypeAlias = Annotated[
     float, Spec("bound of |dv/dt|", "m/s^2", *ACCELERATION, allow_inf=True, parameter="linear.x.max_acceleration")
@@ -27,13 +27,20 @@ MaxAngularAcceleration: TypeAlias = Annotated[
     ),
 ]
 CommandLatency: TypeAlias = Annotated[
-    float, Spec("dead time between a pose's stamp and the motion that its command causes", "s", 0.0, 5.0)
+    float,
+    Spec(
+        "dead time between a pose's stamp and the motion that its command causes",
+        "s",
+        0.0,
+        MAX_COMMAND_LATENCY,
+        parameter="command_latency",
+    ),
 ]
 
 
 @known_fields
 class DataSheet(NamedTuple):
-    """What every law may know of the robot; ``inf`` is no limit. Parameter names are those of diff_drive_controller.
+    """The limits and delays of a robot; ``inf`` means no limit. Parameter names are those of diff_drive_controller.
 
     The default velocities are those of the paper's robot at 1.3 m/s per wheel rim: 26 rad/s with its wheels.
     """
@@ -72,40 +79,16 @@ class DataSheet(NamedTuple):
                 raise InvalidValueError(name, least, f"<= the bound of the velocity, {largest:g}")
 
 
-UNLIMITED = DataSheet(_INF, _INF, _INF, _INF, _INF)
-"""No limit at all, the paper's wheels."""
 PAPER_DATA_SHEET = DataSheet(1.3, _INF, _INF, _INF, _INF)
 """The paper's robot: nothing but |v| is bounded."""
 
 
 def rim_speed(data_sheet: DataSheet) -> float:
-    """Bound [m/s] of |v| + |omega| L / 2, the speed of the faster wheel's rim."""
+    """Return the bound [m/s] of |v| + |omega| L / 2, the speed of the faster wheel's rim."""
     return data_sheet.wheel_max * data_sheet.wheels.wheel_radius
 
 
 def fastest(data_sheet: DataSheet) -> tuple[float, float]:
-    """Largest speed [m/s], and largest rate of a turn on the spot [rad/s]."""
+    """Return the largest speed [m/s] and the largest rate of a turn on the spot [rad/s]."""
     rim = rim_speed(data_sheet)
     return min(data_sheet.v_max, rim), min(data_sheet.omega_max, 2.0 * rim / data_sheet.wheels.wheel_separation)
-
-
-def least_time(way: float, speed: float, acceleration: float) -> float:
-    """Return the least time [s] from rest to rest, in closed form.
-
-    Args:
-        way: [m] or [rad], >= 0.
-        speed: its bound.
-        acceleration: its bound; inf: none.
-    """
-    if acceleration == _INF:
-        return way / speed
-    if way * acceleration >= speed * speed:
-        return way / speed + speed / acceleration
-    return 2.0 * math.sqrt(way / acceleration)
-
-
-def leg_times(first: float, way: float, last: float, data_sheet: DataSheet) -> tuple[float, float, float]:
-    """Return the least times [s] to turn by ``first`` [rad], drive ``way`` [m] straight on, and turn by ``last``."""
-    speed, rate = fastest(data_sheet)
-    turns = [least_time(abs(turn), rate, data_sheet.omega_dot_max) for turn in (first, last)]
-    return turns[0], least_time(way, speed, data_sheet.a_max), turns[1]

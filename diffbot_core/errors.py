@@ -1,4 +1,4 @@
-"""Exceptions that diffbot raises on purpose; all derive from :class:`DiffbotError`."""
+"""Exceptions that diffbot raises on purpose, all derived from :class:`DiffbotError`, and texts for their messages."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import reprlib
 from collections.abc import Iterable
 from difflib import get_close_matches
 
+MAX_SHOWN = 200
+"""characters of a text from outside in a message"""
 _MAX_BITS = 256
 """of a whole number that is shown: the digits of larger ones take Python quadratic time"""
 _MAX_NAMES = 20
@@ -17,7 +19,7 @@ class _ShortRepr(reprlib.Repr):
 
     def __init__(self) -> None:
         super().__init__()
-        self.maxstring = self.maxother = 200
+        self.maxstring = self.maxother = MAX_SHOWN
         self.maxlist = self.maxtuple = self.maxarray = self.maxdict = 10
 
     def repr_int(self, value: int, level: int) -> str:
@@ -32,48 +34,26 @@ class DiffbotError(Exception):
 
 
 class InvalidValueError(DiffbotError):
-    """A value from outside (parameter, file, flag) that breaks its bound."""
+    """A value from outside (parameter, file, flag) that is not allowed."""
 
-    def __init__(self, name: str, value: object, bound: str) -> None:
-        """Name the field, the value it got and the bound it breaks, e.g. ``("gamma", -1.0, "> 0")``."""
-        super().__init__(f"{_short_name(name)} = {_SHORT.repr(value)}: must be {bound}")
+    def __init__(self, name: str, value: object, bound: str = "", sentence: str = "") -> None:
+        """Name the field, its value and what is wrong.
+
+        Args:
+            name: name of the field as the user knows it, e.g. ``gamma``.
+            value: the value given, e.g. -1.0.
+            bound: completes "must be", e.g. ``> 0``.
+            sentence: replaces "must be ..." where no bound describes the problem, e.g. ``wall 0 has zero length``.
+        """
+        super().__init__(f"{shown(name)} = {_SHORT.repr(value)}: {sentence or f'must be {bound}'}")
         self.name = name
         self.value = value
         self.bound = bound
+        self.sentence = sentence
 
-    def __reduce__(self) -> tuple[type[InvalidValueError], tuple[str, object, str]]:
+    def __reduce__(self) -> tuple[type[InvalidValueError], tuple[str, object, str, str]]:
         """Keep all fields when pickled: by default an exception is rebuilt from its text alone."""
-        return type(self), (self.name, self.value, self.bound)
-
-
-class ReplacedNameError(InvalidValueError):
-    """A parameter given under a name that another one has replaced; see ``Spec.replaces``."""
-
-    def __init__(self, name: str, value: object, successor: str, bound: str) -> None:
-        """Name the old parameter, the value it got, the new parameter and the values that one takes."""
-        super().__init__(name, value, bound)
-        self.args = (f"{name} = {_SHORT.repr(value)}: was replaced by {successor} ({bound})",)
-        self.successor = successor
-
-    def __reduce__(self) -> tuple[type[ReplacedNameError], tuple[str, object, str, str]]:  # type: ignore[override]
-        """Keep all four fields when pickled; see :class:`InvalidValueError`."""
-        return type(self), (self.name, self.value, self.successor, self.bound)
-
-
-def known_name(name: str, known: Iterable[str]) -> str:
-    """Return the bound of a name that is not among the ``known`` ones: those like it, and the list if it is short."""
-    names = sorted(known)
-    similar = get_close_matches(str(name), names, 3)
-    meant = f": did you mean {' or '.join(similar)}?" if similar else ""
-    if similar and len(names) > _MAX_NAMES:
-        return f"a known name{meant}"
-    more = f" ... {len(names)} in all" if len(names) > _MAX_NAMES else ""
-    return f"a known name ({', '.join(names[:_MAX_NAMES])}{more}){meant}"
-
-
-def _short_name(name: str) -> str:
-    """Return a name as it is; one from outside may have any length and any characters."""
-    return name if len(name) <= _SHORT.maxstring and name.isprintable() else _SHORT.repr(name)
+        return type(self), (self.name, self.value, self.bound, self.sentence)
 
 
 class BadMessageError(DiffbotError):
@@ -83,3 +63,22 @@ class BadMessageError(DiffbotError):
         """Give the stable ``kind`` (a counter's name) and, for the log, the offending value."""
         super().__init__(f"{kind}: {detail}" if detail else kind)
         self.kind = kind
+
+
+def known_name(name: str, known: Iterable[str]) -> str:
+    """Return the bound of a name that is not among the ``known`` ones: similar names, and the list if it is short."""
+    names = sorted(known)
+    similar = get_close_matches(str(name), names, 3)
+    meant = f": did you mean {' or '.join(similar)}?" if similar else ""
+    if similar and len(names) > _MAX_NAMES:
+        return f"a known name{meant}"
+    more = f" ... {len(names)} in all" if len(names) > _MAX_NAMES else ""
+    return f"a known name ({', '.join(names[:_MAX_NAMES])}{more}){meant}"
+
+
+def shown(value: object) -> str:
+    """Return a text from outside as it can stand in a message of one line: printable, and of a bounded length."""
+    text = str(value)
+    if len(text) > MAX_SHOWN:
+        text = text[:MAX_SHOWN] + "..."
+    return text if text.isprintable() else repr(text)

@@ -38,20 +38,6 @@ def wrap_angle(angle: float) -> float:
     return wrapped - TWO_PI if wrapped > math.pi else wrapped
 
 
-def straight_legs(pose: Pose, *, backwards: bool) -> tuple[float, float, float]:
-    """Return the turn [rad], the way [m] and the turn [rad] that lead from ``pose``, in the goal's frame, to the goal.
-
-    Args:
-        pose: of the robot.
-        backwards: the robot reverses on the way.
-    """
-    x, y, theta = pose
-    way = math.hypot(x, y)
-    travel = math.atan2(y, x) if backwards else math.atan2(-y, -x)
-    first = wrap_angle(travel - theta) if way > 0.0 else 0.0
-    return first, way, wrap_angle(-theta - first)
-
-
 def into_frame(pose: Pose, frame: Pose) -> Pose:
     """Express ``pose`` in ``frame``; both are given in one common frame, e.g. a robot and its goal in ``map``."""
     dx = pose.x - frame.x
@@ -79,12 +65,12 @@ def origin_of_frame(inside: Pose, outside: Pose) -> Pose:
 
 
 def range_and_bearing(x: float, y: float, theta: float, point_x: float, point_y: float) -> tuple[float, float]:
-    """Range [m] and bearing [rad], not wrapped, of a point in the frame of a robot at ``x``, ``y``, ``theta``."""
+    """Return range [m] and bearing [rad], not wrapped, of a point, for a robot at ``x``, ``y``, ``theta``."""
     return math.hypot(point_x - x, point_y - y), math.atan2(point_y - y, point_x - x) - theta
 
 
 def yaw_of_quaternion(x: float, y: float, z: float, w: float) -> float:
-    """Yaw [rad] of a quaternion that need not have unit length (but must not be zero); ZYX convention, REP-103."""
+    """Return the yaw [rad] of a quaternion of any length but zero; ZYX convention, REP-103."""
     return math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
 
 

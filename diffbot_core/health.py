@@ -1,15 +1,18 @@
-"""Counters of received, dropped and sent messages for /diagnostics, and a limit of log entries; free of ROS."""
+"""Counters of received, dropped and sent messages for /diagnostics, and a log throttle."""
 
 from __future__ import annotations
 
+import math
 import time
 from collections import Counter, deque
 from collections.abc import Hashable
 
+_NEWEST = 2.0
+"""[s] for which a dropped message explains why a topic is silent"""
 DROP_MEMORY = 10.0
 """[s] for which a dropped message is a warning; the counters keep it"""
 _MAX_RECENT = 10_000
-"""Recent drops that are counted at most."""
+"""Largest number of recent drops that are counted."""
 
 
 class Health:
@@ -20,23 +23,31 @@ class Health:
         self.accepted: Counter[str] = Counter()
         self.sent: Counter[str] = Counter()
         self.dropped: Counter[tuple[str, str]] = Counter()
-        self.notes: dict[str, str] = {}
         self.counted: Counter[str] = Counter()
         """further counters, by their key in the report"""
         self.last_received: dict[str, float] = {}
         """[s] steady time of the last accepted message, by topic"""
+        self._newest_drops: dict[str, tuple[float, str]] = {}
         self._reported: Counter[str] = Counter()
         self._drop_times: deque[float] = deque(maxlen=_MAX_RECENT)
 
     def reset(self) -> None:
-        """Set all counters to zero, as after a reset of the node; rates count from here."""
+        """Set all counters to zero, as after a reset of the node; rates count from now on."""
         for counter in (self.accepted, self.sent, self.dropped, self.counted, self._reported):
             counter.clear()
         self.last_received.clear()
+        self._newest_drops.clear()
         self._drop_times.clear()
 
-    def drop(self, topic: str, kind: str) -> bool:
-        """Count a dropped message; return True for the first of its topic and kind, which is worth a log entry."""
+    def drop(self, topic: str, kind: str, text: str = "") -> bool:
+        """Count a dropped message; return True for the first of its topic and kind, which should be logged.
+
+        Args:
+            topic: of the message.
+            kind: reason that is counted.
+            text: the reason with its details, for :meth:`newest_drop`.
+        """
+        self._newest_drops[topic] = time.monotonic(), text or kind
         self.dropped[topic, kind] += 1
         self._drop_times.append(time.monotonic())
         return self.dropped[topic, kind] == 1
@@ -46,6 +57,17 @@ class Health:
         while self._drop_times and now - self._drop_times[0] > DROP_MEMORY:
             self._drop_times.popleft()
         return len(self._drop_times)
+
+    def newest_drop(self, topic: str, now: float) -> str:
+        """Return why the newest message of a topic was dropped; empty if it was accepted, or dropped long ago.
+
+        Args:
+            topic: of the message.
+            now: [s] steady time.
+        """
+        dropped, text = self._newest_drops.get(topic, (-math.inf, ""))
+        is_newest = dropped > self.last_received.get(topic, -math.inf) and now - dropped <= _NEWEST
+        return text if is_newest else ""
 
     def accept(self, topic: str, now: float) -> None:
         """Count a message accepted at steady time ``now`` [s]."""
@@ -69,12 +91,11 @@ class Health:
         for (topic, kind), count in sorted(self.dropped.items()):
             values[f"{topic} dropped: {kind}"] = str(count)
         values.update({note: str(count) for note, count in sorted(self.counted.items())})
-        values.update(self.notes)
         return values
 
 
 class Throttle:
-    """Lets each key pass once in a period."""
+    """Limits how often each key passes: once in a period."""
 
     def __init__(self, period: float) -> None:
         """Let everything pass at first; ``period`` [s]."""

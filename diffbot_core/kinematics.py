@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, NamedTuple
 
-from diffbot_core.ranges import WHEEL_SIZE
-from diffbot_core.schema import Spec, known_fields
+from diffbot_core.schema import WHEEL_SIZE, Spec, known_fields
 
 RESTING_SIGMA = 1e-3
 """[rad/s] standard deviation of a wheel speed at rest: no encoder is exact, and a filter needs some noise."""
@@ -48,13 +47,13 @@ class WheelGeometry(NamedTuple):
 
 
 def wheel_speeds(twist: Twist, geometry: WheelGeometry) -> WheelSpeeds:
-    """Inverse kinematics: the wheel speeds [rad/s] that move the body with ``twist``."""
+    """Return the wheel speeds [rad/s] that move the body with ``twist`` (inverse kinematics)."""
     turn = 0.5 * twist.omega * geometry.wheel_separation
     return WheelSpeeds((twist.v - turn) / geometry.wheel_radius, (twist.v + turn) / geometry.wheel_radius)
 
 
 def body_twist(wheels: WheelSpeeds, geometry: WheelGeometry) -> Twist:
-    """Forward kinematics: v = R (wL + wR) / 2, omega = R (wR - wL) / L (paper, section 2.1)."""
+    """Return v = R (wL + wR) / 2, omega = R (wR - wL) / L: forward kinematics (paper, section 2.1)."""
     radius = geometry.wheel_radius
     return Twist(
         0.5 * radius * (wheels.left + wheels.right),
@@ -85,7 +84,7 @@ def scale_twist_covariance(covariance: TwistCovariance, factor: float) -> TwistC
 
 
 def encoder_covariance(wheels: WheelSpeeds, bound: float, geometry: WheelGeometry) -> TwistCovariance:
-    """Covariance of the twist when each wheel speed has a uniform relative error of at most ``bound``.
+    """Return the covariance of the twist when each wheel speed has a uniform relative error of at most ``bound``.
 
     The standard deviation of a wheel speed w is bound |w| / sqrt(3), and RESTING_SIGMA at rest.
     """

@@ -14,9 +14,6 @@ A choice between words that compiled code has to read is an ``int`` field with `
 index of the word, everybody outside reads and writes the word::
 
     kind: Annotated[int, Spec("how the radius is set", choices=("fixed", "covariance"))] = 1
-
-A parameter that takes the place of older ones lists their names in ``Spec.replaces``. Those are refused, in one line
-that names the new parameter: by :func:`build`, and by a node that is started with one of them.
 """
 
 from __future__ import annotations
@@ -29,7 +26,7 @@ from collections.abc import Callable, Hashable, Mapping
 from types import MappingProxyType
 from typing import Annotated, Any, NamedTuple, TypeVar, cast, get_args, get_origin, get_type_hints
 
-from diffbot_core.errors import DiffbotError, InvalidValueError, ReplacedNameError, known_name
+from diffbot_core.errors import DiffbotError, InvalidValueError, known_name
 
 C = TypeVar("C", bound=tuple[Any, ...])
 PARTIAL = "fields of this group without a Spec are no parameters"
@@ -38,6 +35,48 @@ MAX_LENGTH = 4096
 """of a list, and of a text [characters]: what is longer is refused before anything of it is looked at"""
 _NUMBER_AS_TEXT = re.compile(r"[+-]?(\d+(\.\d*)?e[+-]?\d+|\.?inf)", re.IGNORECASE)
 """Numbers that YAML 1.1 reads as texts: ``ros2 param load`` sends 1.0e-06 and .inf of a file as 1e-06 and inf."""
+
+
+Range = tuple[float, float]
+"""Minimum and maximum.
+
+The ranges below, which several parameters share, are wide enough for any wheeled robot, and so narrow that every
+formula stays finite in float64 whatever values are combined. A bound such as "finite and > 0" would not do: 1e308
+squared is infinite, and so is 1 / 5e-324.
+"""
+
+WHEEL_SIZE: Range = 1e-3, 10.0
+"""[m] radius of a wheel, distance of the wheels"""
+LENGTH: Range = 1e-6, 1e6
+"""[m] that must not be zero"""
+DISTANCE: Range = 0.0, 1e6
+"""[m] that may be zero"""
+ANGLE: Range = 1e-6, 1e3
+"""[rad] that must not be zero; larger than a turn: any heading will do"""
+POSITION: Range = -1e6, 1e6
+"""[m] coordinate of a pose"""
+HEADING: Range = -1e3, 1e3
+"""[rad] of a pose, not wrapped"""
+SPEED: Range = 1e-6, 1e3
+"""[m/s] that must not be zero"""
+TURN_RATE: Range = 1e-6, 1e3
+"""[rad/s] of the body, that must not be zero"""
+WHEEL_SPEED: Range = 1e-6, 1e6
+"""[rad/s] of a wheel: SPEED on the smallest one"""
+ACCELERATION: Range = 1e-6, 1e3
+"""[m/s^2]"""
+ANGULAR_ACCELERATION: Range = 1e-6, 1e4
+"""[rad/s^2] of the body"""
+TIMEOUT: Range = 1e-3, 1e6
+"""[s] that must not be zero; the longest are eleven days"""
+TIME: Range = 0.0, 1e6
+"""[s] that may be zero"""
+GAIN: Range = 1e-6, 1e3
+"""[1/s] or [-], that must not be zero"""
+SIGMAS: Range = 0.0, 1e3
+"""[-] number of standard deviations"""
+SHARE: Range = 1e-3, 1.0
+"""[-] that must not be zero"""
 
 
 class Spec(NamedTuple):
@@ -59,8 +98,6 @@ class Spec(NamedTuple):
     """Name as a ROS parameter, where it differs from the field's."""
     read_only: bool = False
     """Read when the node starts; a later change is refused."""
-    replaces: tuple[str, ...] = ()
-    """Former parameters that this one stands in for; see :func:`replaced_by`."""
 
     def bound(self) -> str:
         """Describe the allowed values, as error messages and the docs show them."""
@@ -179,33 +216,14 @@ def _unfold(config_type: type[Any], default: Any, path: tuple[str, ...], partial
     return found
 
 
-def replaced_by(config_type: type[Any]) -> dict[str, Parameter]:
-    """Map each former parameter name of a configuration type to the parameter that replaced it."""
-    return {old: parameter for parameter in parameters_of(config_type) for old in parameter.spec.replaces}
-
-
-def refuse_replaced(config_type: type[Any], values: Mapping[str, Any]) -> None:
-    """Refuse values that are given under a former name.
-
-    Raises:
-        ReplacedNameError: naming the first of them, its value and the parameter to use instead.
-    """
-    for name, parameter in replaced_by(config_type).items():
-        if name in values:
-            spec = parameter.spec
-            bound = " or ".join(spec.choices) if spec.choices else spec.bound()
-            raise ReplacedNameError(name, values[name], parameter.name, bound)
-
-
 def build(config_type: type[C], values: Mapping[str, Any], base: C | None = None) -> C:
     """Make a valid configuration from named values; ``base`` (by default the defaults) supplies the rest.
 
     When all fields are set, the ``check`` method of each group that has one checks what must hold between fields.
 
     Raises:
-        InvalidValueError: for an unknown or replaced name, a wrong type, a number out of range or not finite.
+        InvalidValueError: for an unknown name, a wrong type, a number out of range or not finite.
     """
-    refuse_replaced(config_type, values)
     parameters = {parameter.name: parameter for parameter in parameters_of(config_type)}
     config: Any = config_type() if base is None else base
     for name, value in values.items():
@@ -239,7 +257,7 @@ def checked(parameter: Parameter, value: Any) -> Any:
     """
     kind, spec, name = parameter.type, parameter.spec, parameter.name
     if hasattr(value, "__len__") and len(value) > MAX_LENGTH:
-        raise InvalidValueError(name, value, f"of at most {MAX_LENGTH} values or characters, it has {len(value)}")
+        raise InvalidValueError(name, value, sentence=f"its length {len(value)} must be <= {MAX_LENGTH}")
     if get_origin(kind) is tuple:
         if isinstance(value, (str, bytes)) or not hasattr(value, "__iter__"):
             raise InvalidValueError(name, value, "a list")

@@ -1,4 +1,4 @@
-"""How well a pose is known: standard deviations of position and heading."""
+"""Standard deviations of an estimated pose, and the probability that the pose is within a tolerance."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ A message never means this: its all-zero covariance means *unknown*.
 
 
 class Estimate(NamedTuple):
-    """What a controller receives: where the robot is, and how well that is known."""
+    """Pose of the robot and its uncertainty, as a controller receives them."""
 
     pose: Pose
     """in the frame of the goal's pose, e.g. ``map``"""
@@ -33,26 +33,26 @@ class Estimate(NamedTuple):
 
 
 def largest_deviation(xx: float, xy: float, yy: float) -> float:
-    """Standard deviation [m] along the longer axis of the error ellipse of a position with this covariance [m^2]."""
+    """Return the standard deviation [m] along the longer axis of the error ellipse of a covariance [m^2]."""
     half = 0.5 * (xx + yy)
     spread = math.hypot(0.5 * (xx - yy), xy)
     return math.sqrt(max(half + spread, 0.0))
 
 
 _ROOT_2 = math.sqrt(2.0)
-_CHORD_STEP, _CHORD_TAIL, _LEAST_CHORDS = 0.75, 5.0, 6
-"""Chords of :func:`disc_probability`: deviations between two, deviations beyond which none counts, least number."""
+_CHORD_STEP, _CHORD_TAIL, _MIN_CHORDS = 0.75, 5.0, 6
+"""Chords of :func:`disc_probability`: largest step and offset of the last one [deviations], smallest number."""
 _FAR = 8.0
-"""deviations between a mean and a bound that leave a probability of 0 or 1"""
+"""deviations between mean and bound beyond which the probability is 0 or 1"""
 _NONE = 1e-12
-"""share of the radius below which a deviation counts as none; with a far smaller one numbers overflow"""
+"""share of the radius below which a deviation counts as zero; much smaller ones would overflow"""
 
 
 def disc_probability(offset: float, sigma: float, radius: float) -> float:
-    """Probability that a position is within ``radius`` of a point, to 1e-5.
+    """Return the probability that a position is within ``radius`` of a point, to 1e-5.
 
     The position is normal about a mean ``offset`` from the point, with deviation ``sigma`` along each axis [m]. The
-    chords of the disc along the offset are summed up over an angle: a smooth periodic function, for which the
+    chords of the disc along the offset are integrated over an angle. The integrand is smooth and periodic, so the
     trapezoidal rule converges exponentially.
     """
     if sigma <= _NONE * radius:
@@ -62,7 +62,7 @@ def disc_probability(offset: float, sigma: float, radius: float) -> float:
         return 1.0
     if not b - a > -_FAR:  # or not a number
         return 0.0
-    width = 0.5 * math.pi / max(_LEAST_CHORDS, math.ceil(0.5 * math.pi * b / _CHORD_STEP))
+    width = 0.5 * math.pi / max(_MIN_CHORDS, math.ceil(0.5 * math.pi * b / _CHORD_STEP))
     total, angle = 0.5 * _chord(a, b, 0.0), width
     while angle < 0.5 * math.pi and b * math.sin(angle) < _CHORD_TAIL:
         total += _chord(a, b, angle)
@@ -77,7 +77,7 @@ def _chord(a: float, b: float, angle: float) -> float:
 
 
 def interval_probability(offset: float, sigma: float, bound: float) -> float:
-    """Probability that a number, normal about ``offset`` with deviation ``sigma``, is within +-``bound``."""
+    """Return the probability that a number, normal about ``offset`` with deviation ``sigma``, is within +-``bound``."""
     if sigma <= 0.0:
         return 1.0 if abs(offset) <= bound else 0.0
     return 0.5 * (math.erfc((offset - bound) / (sigma * _ROOT_2)) - math.erfc((offset + bound) / (sigma * _ROOT_2)))

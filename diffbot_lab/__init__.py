@@ -1,4 +1,4 @@
-"""Studies: laws of others, the arena, campaigns, the paper's experiments, stability, benchmarks of the filter, gym.
+"""Studies: published laws and their benchmark, campaigns, the paper, certificates, the benchmark of the filter, gym.
 
 Conventions as in :mod:`diffbot_core`. Nothing that drives a robot imports this room; its commands and laws are found
 by entry points.

@@ -2,69 +2,82 @@
 
 from __future__ import annotations
 
-if __name__ == "__main__":  # before the imports that take long: see launcher
-    from diffbot_core.launcher import launch
-
-    raise SystemExit(launch("diffbot_sim.plant_node"))
-
+import math
 import time
 from typing import Any
 
 from geometry_msgs.msg import Twist as TwistMessage
 from geometry_msgs.msg import TwistStamped
 from rclpy.qos import QoSProfile
-from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool, Trigger
 
 from diffbot_control.ros.messages.fields import stamp_ns, twist_from
+from diffbot_core.endpoints import AUTO, TWIST_STAMPED, TYPE_WORDS
+from diffbot_core.errors import InvalidValueError
 from diffbot_core.kinematics import Twist
-from diffbot_core.ros.clock_watch import CLOCK_TOPIC
-from diffbot_core.ros.node import DiffbotNode, run
-from diffbot_core.ros.qos import SENSOR
-from diffbot_core.units import NS_PER_S
-from diffbot_sim.lockstep import LockStep
-from diffbot_sim.ros.foreign_clock import ForeignClock
-from diffbot_sim.ros.graph_plant import GraphPlant
-from diffbot_sim.ros.pacing import LOCKSTEP, WALL, ClockPace
-from diffbot_sim.ros.parameters import PlantNodeConfig
+from diffbot_core.ros.node import DiffbotNode
+from diffbot_core.ros.run import run
+from diffbot_core.stamps import NS_PER_S
+from diffbot_sim.lockstep import MAX_STEPS_WITHOUT_FIX, NO_COMMAND, NO_FILTER, NO_FIX, LockStep
+from diffbot_sim.parameters import LOCKSTEP, WALL, PlantNodeConfig
+from diffbot_sim.simulation import Arrivals, World
+from diffbot_sim.topics import PlantTopics
 
-_POLL_PERIOD = 0.02
-"""[s] between two polls of the lock-step"""
+_POLL_PERIOD, _STALL_PERIOD = 0.02, 1.0
+"""[s] between two polls of the lock-step, and between two looks for an answer that does not come"""
+_MAX_STEPS_AT_ONCE = 5
+"""Largest number of steps at once after a late timer. ``scaled`` skips the other steps, ``wall`` keeps them due."""
+_EARLY = 0.1
+"""Share of the period by which a timer may fire early. It jitters, and a postponed step would delay until the next."""
 _STOP = Twist(0.0, 0.0)
 
 
 class PlantNode(DiffbotNode[PlantNodeConfig]):
-    """The simulated robot in the graph."""
+    """The simulated robot in the graph; a :class:`diffbot_sim.lockstep.Plant`."""
 
     def __init__(self, **node_options: Any) -> None:
-        """Create publishers, the command's subscription, the pace, and the services ~/reset and ~/pause."""
+        """Create publishers, the command's subscription, the pace, and the services ~/reset and ~/pause.
+
+        Raises:
+            InvalidValueError: if a parameter is not allowed, or lock-step is to be driven by a Twist.
+        """
         super().__init__("plant", PlantNodeConfig, **node_options)
         config = self.config
-        self.paused = config.start_paused
-        self._command, self._command_step = _STOP, 0
-        self._started = False
-        start = round(config.start_time * NS_PER_S) or time.time_ns()
-        self._plant = GraphPlant(self, start, self._subscribe_to_commands())
+        word, stamped = config.cmd_vel_type, TYPE_WORDS[TWIST_STAMPED]
+        if config.clock == LOCKSTEP and word not in (AUTO, stamped):
+            self.destroy_node()
+            text = f"{stamped} with clock: lockstep, since the stamp names the step that is answered"
+            raise InvalidValueError("cmd_vel_type", word, text)
+        self.paused, self._started = config.start_paused, False
+        self._command, self._command_step, self._skipped = _STOP, 0, 0
+        self.world = World(config.world, round(config.start_time * NS_PER_S) or time.time_ns())
+        self._arrivals: Arrivals | None = None
+        self._topics = PlantTopics(self)
+        self._is_stamped = word == stamped or (word == AUTO and config.clock == LOCKSTEP)
+        kind = TwistStamped if self._is_stamped else TwistMessage
+        try:
+            self._commands = self.subscribe(kind, "cmd_vel", self._on_command, QoSProfile(depth=1))
+        except RuntimeError:  # in one process a topic has one type
+            self.destroy_node()
+            text = "the type that the controller of the same process publishes: set cmd_vel_type for both"
+            raise InvalidValueError("cmd_vel_type", word, text) from None
         self.publisher_watch.watch("cmd_vel", "drive the robot", config.commands.max_cmd_vel_publishers)
         self._warn_of_idle_rates()
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SetBool, "~/pause", self._on_pause)
+        self._lockstep = LockStep(self, paused=self.paused) if config.clock == LOCKSTEP else None
         factor = 1.0 if config.clock == WALL else config.real_time_factor
-        period = config.world.plant.sampling_time / factor
-        self._pace = ClockPace(period, self._now(), skips=config.clock != WALL)
-        self._lockstep = LockStep(self._plant, paused=self.paused) if config.clock == LOCKSTEP else None
-        self._foreign_clock = ForeignClock(self._plant.world.period) if config.follows_time() else None
-        if self._foreign_clock is not None:
-            self.subscribe(Clock, CLOCK_TOPIC, self._on_clock, SENSOR)
-        elif self._lockstep is not None:
-            self.create_timer(config.lockstep_timeout, self._lockstep.on_stall_check, clock=self.steady_clock)
-            self._plant.poll = self.create_timer(_POLL_PERIOD, self._lockstep.on_poll, clock=self.steady_clock)
+        self._period = config.world.plant.sampling_time / factor
+        self._next_step = self._now() + self._period
+        if self._lockstep is not None:
+            self.create_timer(_STALL_PERIOD, self._lockstep.on_stall_check, clock=self.steady_clock)
+            self._poll = self.create_timer(_POLL_PERIOD, self._on_poll, clock=self.steady_clock)
         else:
-            self.create_timer(period, self._on_clock_tick, clock=self.steady_clock)
+            self.create_timer(self._period, self._on_clock_tick, clock=self.steady_clock)
 
     def on_config(self, config: PlantNodeConfig) -> None:
-        """Take over changed noise, faults and rates; a changed start counts from the next reset."""
-        self._plant.world.configure(config.simulated())
+        """Apply changed noise, faults and rates; a changed start applies from the next reset."""
+        self.world.configure(config.world)
         self._warn_of_idle_rates()
 
     def halt(self) -> None:
@@ -72,7 +85,7 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
         self._command = _STOP
 
     def _warn_of_idle_rates(self) -> None:
-        """Warn of a sensor that has a rate, but nothing to measure."""
+        """Warn if landmarks have a rate, but the map is empty."""
         world = self.config.world
         if world.sensors.landmark_rate > 0.0 and not world.landmarks.landmark_ids:
             rate = world.sensors.landmark_rate
@@ -81,29 +94,91 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
     def health_level(self) -> tuple[int, str]:
         """Add the pace to /diagnostics."""
         level, text = super().health_level()
-        skipped = self._pace.skipped + (self._foreign_clock.skipped if self._foreign_clock else 0)
-        self.health.notes = {
-            "steps": str(self._plant.step),
-            "steps skipped": str(skipped),
-            "steps sent again": str(self._lockstep.repeats if self._lockstep else 0),
-        }
         return level, f"{'paused' if self.paused else 'running'}; {text}"
+
+    def details(self) -> dict[str, str]:
+        """Add the numbers of steps to /diagnostics."""
+        return {
+            "steps": str(self.step),
+            "steps skipped": str(self._skipped),
+            "steps without an answer": str(self._lockstep.unanswered if self._lockstep else 0),
+        }
+
+    @property
+    def step(self) -> int:
+        """Return the number of the present step."""
+        return self.world.state.step
+
+    @property
+    def stamp(self) -> int:
+        """Return the time [ns] of the present step."""
+        return self.world.stamp
+
+    def advance(self, command: Twist) -> None:
+        """Hold ``command`` for one step."""
+        self.world.advance(command)
+        self._arrivals = None
+
+    def publish(self) -> None:
+        """Send all messages of the present step."""
+        self._topics.publish(self.world, self._sense())
+
+    def publish_truth(self) -> None:
+        """Send time and true state of the present step."""
+        self._topics.publish_truth(self.world)
+
+    def awaits_first_fix(self) -> bool:
+        """True if the plant sends fixes, and no fix arrives at the present step."""
+        return self._has_fixes() and not self._sense().fixes
+
+    def connections(self) -> tuple[int, ...] | None:
+        """Return the number of nodes on each topic; None until all topics that a filter needs have a subscription."""
+        if not all(one.get_subscription_count() for one in self._topics.required(self._has_fixes())):
+            return None
+        return (*self._topics.subscription_counts(), self._commands.get_publisher_count())
+
+    def _on_poll(self) -> None:
+        if self._lockstep is not None:
+            self._lockstep.on_poll()
+            if self._lockstep.is_started:
+                self._poll.cancel()
+
+    def report(self, event: str) -> None:
+        """Log what the lock-step waits for."""
+        logger: Any = self.get_logger()
+        if event == NO_FILTER:
+            topics = " and ".join(publisher.topic_name for publisher in self._topics.required(self._has_fixes()))
+            logger.info(f"waiting for a filter on {topics}", throttle_duration_sec=5.0)
+        elif event == NO_FIX:
+            logger.error(
+                f"no fix in the first {MAX_STEPS_WITHOUT_FIX} steps (see fix_delay and fix_dropout):"
+                " the filter cannot answer before it has one, or an initialpose"
+            )
+        elif event == NO_COMMAND:
+            logger.warning(
+                "no answer on cmd_vel: moving on with zero command (does the controller have cmd_vel_type"
+                " twist_stamped and publish_when_idle, and the filter a pose?)",
+                throttle_duration_sec=10.0,
+            )
+
+    def _has_fixes(self) -> bool:
+        return self.config.world.sensors.fix_rate > 0.0
+
+    def _sense(self) -> Arrivals:
+        """Return the measurements of the present step."""
+        if self._arrivals is None:
+            self._arrivals = self.world.sense()
+        return self._arrivals
 
     def _now(self) -> float:
         return float(self.steady_clock.now().nanoseconds / NS_PER_S)
 
-    def _subscribe_to_commands(self) -> Any:
-        qos = QoSProfile(depth=1)
-        if self.config.enable_stamped_cmd_vel:
-            return self.subscribe(TwistStamped, "cmd_vel", lambda message: self._on_command(message.twist), qos)
-        return self.subscribe(TwistMessage, "cmd_vel", self._on_command, qos)
-
-    def _on_command(self, message: TwistMessage) -> None:
-        command = twist_from(message)
+    def _on_command(self, message: Any) -> None:
+        command = twist_from(message.twist if self._is_stamped else message)
         if self._lockstep is not None:
-            self._lockstep.on_command(command)
+            self._lockstep.on_command(command, stamp_ns(message.header.stamp))
         else:
-            self._command, self._command_step = command, self._plant.step
+            self._command, self._command_step = command, self.step
 
     def _on_clock_tick(self) -> None:
         if self.paused:
@@ -111,42 +186,34 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
         if not self._started:
             self._started = True
             self._catch_up_with_wall_time()
-            self._pace.restart(self._now())
-            self._plant.publish()
-        self._take_steps(self._pace.due(self._now()))
-
-    def _take_steps(self, count: int) -> None:
+            self._next_step = self._now() + self._period
+            self.publish()
+        due = max(math.floor((self._now() - self._next_step) / self._period + _EARLY) + 1, 0)
+        count = min(due, _MAX_STEPS_AT_ONCE)
+        if self.config.clock != WALL:
+            self._skipped += due - count
+            self._next_step += (due - count) * self._period
+        self._next_step += count * self._period
         for _ in range(count):
-            config = self.config.world.plant
-            silence = (self._plant.step - self._command_step) * config.sampling_time
-            self._plant.advance(self._command if silence < config.cmd_vel_timeout else _STOP)
-            self._plant.publish()
-
-    def _on_clock(self, message: Clock) -> None:
-        """Take the steps that are due by the clock of another plant."""
-        if self._foreign_clock is None or self.paused:
-            return
-        stamp = stamp_ns(message.clock)
-        due = self._foreign_clock.on_clock(stamp)
-        if due is None:
-            self._plant.world.start_stamp += stamp - self._plant.world.stamp
-            self._plant.publish()
-        else:
-            self._take_steps(due)
+            plant = self.config.world.plant
+            silence = (self.step - self._command_step) * plant.sampling_time
+            self.advance(self._command if silence < plant.cmd_vel_timeout else _STOP)
+            self.publish()
 
     def _catch_up_with_wall_time(self) -> None:
-        """Stamp the present step with the time of day after a pause; simulated time stands still in one."""
+        """Stamp the present step with the time of day after a pause, in which simulated time stands still."""
         if self.config.clock == WALL and self.config.start_time == 0.0:
-            self._plant.world.start_stamp += time.time_ns() - self._plant.world.stamp
+            self.world.start_stamp += time.time_ns() - self.world.stamp
 
     def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._plant.reset()
+        # Time goes on, since nodes do not expect messages from the past.
+        self.world = World(self.config.world, self.world.stamp + self.world.period)
+        self._arrivals = None
         self._command, self._command_step = _STOP, 0
         self.health.reset()
-        if self._foreign_clock is not None:
-            self._foreign_clock.restart()
         if self._lockstep is not None:
             self._lockstep.reset()
+            self._poll.reset()
         response.success, response.message = True, "back at the start pose, noise from its first number on"
         return response
 
@@ -155,9 +222,7 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
         self.paused = request.data
         response.success, response.message = True, "paused" if self.paused else "running"
         if resumed:
-            self._pace.restart(self._now())
-            if self._foreign_clock is not None:
-                self._foreign_clock.restart()
+            self._next_step = self._now() + self._period
             if self._started:
                 self._catch_up_with_wall_time()
         if self._lockstep is not None:
@@ -166,5 +231,9 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node; the exit status of the process."""
+    """Run the node; return the exit status of the process."""
     return run(PlantNode, args, shared_memory=False)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -9,14 +9,15 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
-from diffbot_core.bounded_yaml import load_yaml
-from diffbot_core.errors import DiffbotError, InvalidValueError
+from diffbot_core.errors import DiffbotError, InvalidValueError, shown
 from diffbot_core.files import check_output
-from diffbot_core.foreign_files import shown
 from diffbot_core.schema import parameters_of
+from diffbot_core.yaml_files import load_yaml
 
 MAX_SEED = 2**63 - 1
-OUTPUTS = ("out", "write", "record")
+MAX_HEADING = math.tau
+"""[rad] of a goal; a larger one is probably meant in degrees"""
+OUTPUTS = ("out", "record")
 """Names of the options, of any command, with a path to write to; all other paths are read."""
 Number = TypeVar("Number", int, float)
 
@@ -66,6 +67,32 @@ def duration(text: str) -> float:
     if not value > 0.0:
         raise argparse.ArgumentTypeError(f"{text!r}: must be a time > 0 [s]")
     return value
+
+
+def checked_heading(name: str, theta: float, degrees: str = "math.radians({:g})") -> float:
+    """Return the heading of a goal [rad]; ``degrees`` is the form in which an angle can be given in degrees.
+
+    Raises:
+        InvalidValueError: if it is not finite, or more than a turn, which is probably meant in degrees.
+    """
+    if not abs(theta) <= MAX_HEADING:
+        hint = f"within a turn, +-{MAX_HEADING:.2f} rad; for degrees write {degrees.format(theta)}"
+        raise InvalidValueError(name, theta, f"a heading {hint}")
+    return theta
+
+
+def angle(text: str) -> float:
+    """Return a heading [rad] of a number, or of a number of degrees as ``90deg``; a type for argparse."""
+    number, is_degrees, rest = text.partition("deg")
+    try:
+        if rest:
+            raise ValueError
+        value = float(number)
+        return checked_heading("yaw", math.radians(value) if is_degrees else value, "{:g}deg")
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r}: must be a heading [rad], or in degrees as 90deg") from None
+    except InvalidValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def yaml_value(text: str) -> Any:

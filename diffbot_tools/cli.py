@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-if __name__ == "__main__":  # before the other imports: see launcher
-    from diffbot_tools.executables import diffbot
-
-    raise SystemExit(diffbot())
-
 import argparse
 import contextlib
 import importlib
+import math
 import os
 import signal
 import sys
+import textwrap
 from collections.abc import Callable, Iterator
 from importlib.metadata import version
 from pathlib import Path
@@ -20,27 +17,68 @@ from typing import Any
 
 from diffbot_bag.parameters import ReplayConfig
 from diffbot_control.law.presets import PRESETS, TUNED
-from diffbot_core.distribution import DISTRIBUTION, entry_points_by_name
 from diffbot_core.errors import DiffbotError
+from diffbot_core.installed import DISTRIBUTION, entry_points_by_name
 from diffbot_core.launcher import end_on_signals
 from diffbot_core.schema import build, to_dict
-from diffbot_tools.arguments import MAX_SEED, add_flags, check_outputs, ros_parameters, whole
+from diffbot_tools.arguments import MAX_SEED, add_flags, check_outputs, duration, ros_parameters, whole
 from diffbot_tools.bag.command import add_bag
-from diffbot_tools.command_help import add_examples
-from diffbot_tools.data_commands import add_calibrate, add_refilter
-from diffbot_tools.dock_command import add_dock, add_undock
-from diffbot_tools.goal_command import add_goal
-from diffbot_tools.robot.command import add_robot
+from diffbot_tools.drive import add_drive
+from diffbot_tools.live.command import add_check
+from diffbot_tools.robot_command import add_robot
 from diffbot_tools.run_command import NODES, add_run
 from diffbot_tools.view.report_command import add_report
 from diffbot_tools.watch.command import add_watch
 
 COMMANDS = "diffbot.commands"
 """Group of the entry points of further commands: name -> ``package.module:function``, called with the subparsers."""
+EXAMPLES: dict[str, tuple[str, ...]] = {
+    "demo": ("demo", "demo --watch"),
+    "run": ("run robot --with plant recorder", "run robot --ros-args --params-file my_robot.yaml"),
+    "goal": ("goal 2 1 1.57", "goal 2 1 90deg", "goal 0.5 0 0 --namespace robot1 --timeout 60"),
+    "dock": ("dock", "dock 3 1 0.5", "dock 3 1 30deg --backward"),
+    "undock": ("undock", "undock --distance 1"),
+    "check": ("check", "check my_robot.yaml --namespace robot1", "check --ros-args -r odom:=/base/odom"),
+    "watch": ("watch --open", "watch --namespace robot1 robot2 --record bags"),
+    "robot": ("robot new my_robot.yaml", "robot drive turtlebot4"),
+    "robot new": ("robot new my_robot.yaml", "robot new agv.yaml --like warehouse_agv --linear-x-max-velocity 0.8"),
+    "robot check": ("robot check my_robot.yaml",),
+    "robot drive": ("robot drive my_robot.yaml", "robot drive turtlebot3_burger --goals 50 --out burger.png"),
+    "calibrate": ("calibrate first_drive --params my_robot.yaml --out calibrated.yaml",),
+    "bag": ("bag info run1",),
+    "bag info": ("bag info run1", "bag info run1 --json"),
+    "bag check": ("bag check run1 contract.yaml",),
+    "bag trim": ("bag trim run1 part --from 10s --to 20s",),
+    "bag filter": ("bag filter run1 poses --topics /pose /odom",),
+    "bag merge": ("bag merge run1 run2 both",),
+    "bag repair": ("bag repair run1 saved",),
+    "report": ("report run1", "report run1 -o run1.html --csv"),
+    "replay": ("replay run1", "replay run1 --rate 2 --start-paused"),
+    "refilter": ("refilter run1 --params my_robot.yaml --out run1_again --compare /ground_truth",),
+    "campaign": ("campaign --runs 500 --grid fix_delay=[0.0,0.2,0.4]", "campaign campaign.yaml --out out/mine"),
+    "benchmark": ("benchmark switching --case nominal",),
+    "benchmark switching": ("benchmark switching --law graceful --case nominal",),
+    "benchmark localization": ("benchmark localization --runs 50",),
+    "benchmark docking": ("benchmark docking --runs 170 --case docking_no_loss",),
+    "benchmark tune": ("benchmark tune --law graceful --budget 120",),
+    "experiment": ("experiment a b",),
+    "stability": ("stability certify",),
+    "stability certify": ("stability certify",),
+    "stability adversary": ("stability adversary out/stability/certificate.json",),
+    "stability verify": ("stability verify out/stability/certificate.json",),
+}
+"""Examples in the help of each command, by its words."""
+BROKEN_PIPE = 141
+"""Exit status of a program whose reader has left, as of a program that SIGPIPE ends."""
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the command line; return 0, 1 after an error or a missed goal, 2 for wrong usage, 130 after an interrupt."""
+    """Run the command line.
+
+    Returns:
+        0, 1 after an error or a missed goal, 2 for wrong usage, 130 after an interrupt, 141 if the reader of the output
+        has left.
+    """
     parser, words = _parser(), sys.argv[1:] if args is None else args
     if "_ARGCOMPLETE" in os.environ:
         _complete(parser)
@@ -56,13 +94,19 @@ def main(args: list[str] | None = None) -> int:
             signal.signal(number, signal.default_int_handler)
     try:
         check_outputs(options)
-        return int(options.call(options))
+        status = int(options.call(options))
+        sys.stdout.flush()
+        return status
     except DiffbotError as error:
         print(f"diffbot: {error}", file=sys.stderr)
         return int(getattr(options, "error_status", 1))
     except KeyboardInterrupt:
         print("diffbot: interrupted", file=sys.stderr)
         return 130
+    except BrokenPipeError:
+        # Python flushes the output once more when it exits.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return BROKEN_PIPE
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -72,21 +116,33 @@ def _parser() -> argparse.ArgumentParser:
     for add in (
         _add_demo,
         add_run,
-        add_goal,
-        add_dock,
-        add_undock,
+        add_drive,
         _add_replay,
         add_bag,
-        add_refilter,
-        add_calibrate,
+        _add_refilter,
+        _add_calibrate,
+        add_check,
         add_watch,
         add_report,
         add_robot,
         *_further_commands(),
     ):
         add(commands)
-    add_examples(parser)
+    _add_examples(parser)
     return parser
+
+
+def _add_examples(parser: argparse.ArgumentParser, words: tuple[str, ...] = ()) -> None:
+    """Put the examples into the help of every command below ``parser``."""
+    below = [one.choices for one in parser._actions if isinstance(one, argparse._SubParsersAction)]
+    for name, command in (pair for choices in below for pair in choices.items()):
+        here = (*words, name)
+        if examples := EXAMPLES.get(" ".join(here)):
+            text = "\n  diffbot ".join(("examples:", *examples))
+            command.epilog = "\n\n".join(part for part in (textwrap.fill(command.epilog or "", 100), text) if part)
+            command.description = textwrap.fill(command.description or "", 100)
+            command.formatter_class = argparse.RawDescriptionHelpFormatter
+        _add_examples(command, here)
 
 
 def _complete(parser: argparse.ArgumentParser) -> None:
@@ -129,11 +185,58 @@ def _add_replay(commands: Any) -> None:
     replay.set_defaults(call=_replay)
 
 
-def _demo(options: argparse.Namespace) -> int:
-    from diffbot_tools.demo.command import DemoOptions, run_demo  # noqa: PLC0415 - only the called command is imported
+def _add_refilter(commands: Any) -> None:
+    refilter = commands.add_parser("refilter", help="run the filter over a recorded bag, without a graph")
+    refilter.add_argument("bag", type=Path, help="folder of the bag, or an .mcap file")
+    refilter.add_argument("--params", type=Path, help="ROS parameter file (default: ekf.yaml in the folder of the bag)")
+    refilter.add_argument("--out", type=Path, required=True, help="folder of the new bag, which must not exist")
+    refilter.add_argument("--compare", metavar="TOPIC", help="true poses in the bag, e.g. /ground_truth")
+    _add_remap(refilter)
+    refilter.set_defaults(call=_refilter)
 
-    out, seed, real_time, overwrite = options.out, options.seed, options.real_time, options.overwrite
-    return run_demo(DemoOptions(out, seed, real_time, overwrite, options.domain, options.preset, options.watch))
+
+def _add_calibrate(commands: Any) -> None:
+    calibrate = commands.add_parser("calibrate", help="find the parameters of a robot from drives recorded with it")
+    calibrate.add_argument("bags", type=Path, nargs="+", metavar="BAG", help="folder of a bag, or an .mcap file")
+    calibrate.add_argument(
+        "--params", type=Path, help="ROS parameter file (default: ekf.yaml in the folder of the first bag)"
+    )
+    calibrate.add_argument(
+        "--out", type=Path, default=Path("calibrated.yaml"), help="parameter file to write (default: %(default)s)"
+    )
+    calibrate.add_argument(
+        "--until", type=duration, default=math.inf, metavar="SECONDS", help="use only the beginning of each drive"
+    )
+    _add_remap(calibrate)
+    calibrate.set_defaults(call=_calibrate)
+
+
+def _add_remap(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--remap", type=_remapping, nargs="+", default=[], metavar="NAME:=TOPIC", help="e.g. odom:=/robot1/odom"
+    )
+
+
+def _remapping(text: str) -> tuple[str, str]:
+    from diffbot_tools.refilter import INPUTS  # noqa: PLC0415 - loads scipy
+
+    name, found, topic = text.partition(":=")
+    if not found or not topic or name.lstrip("/") not in INPUTS:
+        raise argparse.ArgumentTypeError(f"{text!r}: must be NAME:=TOPIC with a NAME of {', '.join(INPUTS)}")
+    return name.lstrip("/"), topic
+
+
+def _remap(options: argparse.Namespace) -> dict[str, str]:
+    remap = dict(options.remap)
+    if len(remap) < len(options.remap):
+        raise DiffbotError("--remap: each name can be given once")
+    return remap
+
+
+def _demo(options: argparse.Namespace) -> int:
+    from diffbot_tools.demo import DemoOptions, run_demo  # noqa: PLC0415 - only the called command is imported
+
+    return run_demo(DemoOptions(**{name: getattr(options, name) for name in DemoOptions._fields}))
 
 
 def _replay(options: argparse.Namespace) -> int:
@@ -144,3 +247,19 @@ def _replay(options: argparse.Namespace) -> int:
     end_on_signals(0)
     node = importlib.import_module(NODES["replay"].module)
     return int(node.main(["--ros-args", *ros_parameters(given), *options.ros_args]))
+
+
+def _refilter(options: argparse.Namespace) -> int:
+    from diffbot_tools import refilter  # noqa: PLC0415
+
+    return refilter.run(options.bag, options.params, options.out, options.compare, _remap(options))
+
+
+def _calibrate(options: argparse.Namespace) -> int:
+    from diffbot_tools.calibration import command as calibration_command  # noqa: PLC0415
+
+    return calibration_command.run(options.bags, options.params, options.out, options.until, _remap(options))
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -32,16 +32,23 @@ NODES = {
 }
 """In the order in which they start and stop in one process: the bag is closed when all others have ended."""
 
+_LOCKSTEP = {
+    "cmd_vel_type:=twist_stamped": {"controller", "dock_controller", "plant"},
+    "publish_when_idle:=true": {"controller", "dock_controller"},
+    "reliable_inputs:=true": {"ekf", "controller", "dock_ekf", "dock_controller"},
+}
+"""Parameters for lock-step, and the nodes that have them."""
+
 
 def add_run(commands: Any) -> None:
     """Add ``diffbot run`` to the subparsers of the command line."""
-    node = commands.add_parser(
+    run = commands.add_parser(
         "run",
         help="run one node, or several in one process, as ros2 run does",
         description="Run nodes in this process until a signal, or until one of them ends.",
     )
-    node.add_argument("node", choices=sorted(NODES))
-    node.add_argument(
+    run.add_argument("node", choices=sorted(NODES))
+    run.add_argument(
         "--with",
         dest="others",
         nargs="+",
@@ -50,14 +57,14 @@ def add_run(commands: Any) -> None:
         metavar="NODE",
         help=f"more nodes in the same process: {', '.join(sorted(NODES))}",
     )
-    node.add_argument(
+    run.add_argument(
         "--ros-args",
         dest="ros_args",
         nargs=argparse.REMAINDER,
         default=[],
-        help="parameters and remappings; NODE:NAME:=VALUE is for one of several nodes",
+        help="parameters (--params-file FILE, -p NAME:=VALUE, -p NODE:NAME:=VALUE) and remappings",
     )
-    node.set_defaults(call=lambda options: run_nodes([options.node, *options.others], options.ros_args))
+    run.set_defaults(call=lambda options: run_nodes([options.node, *options.others], options.ros_args))
 
 
 def run_nodes(names: list[str], ros_args: list[str]) -> int:
@@ -70,11 +77,18 @@ def run_nodes(names: list[str], ros_args: list[str]) -> int:
     members = [member for name in names for member in NODES[name].members or (name,)]
     for member in members:
         if members.count(member) > 1:
-            raise InvalidValueError("--with", " ".join(names[1:]), f"each node once, {member} is in it twice")
-    entries = [entry for name, entry in NODES.items() if name in names]
+            raise InvalidValueError(
+                "--with", " ".join(names[1:]), sentence=f"each node may appear only once; {member} appears twice"
+            )
+    if any(word.endswith("clock:=lockstep") for word in ros_args):
+        # Every step waits for its messages: none may be lost, and each needs an answer, whose stamp names the step.
+        given = [value for value, nodes in _LOCKSTEP.items() if nodes.intersection(members)]
+        ros_args = [*(word for one in given for word in ("-p", one)), *ros_args]
     end_on_signals(0)
-    if "--params-file" in ros_args:
-        importlib.import_module("diffbot_tools.bringup.data_sheet").check_limits(members, ros_args)
+    # By name, here and below: the command line can be imported without ROS and starts without heavy libraries.
+    if "controller" in members:
+        importlib.import_module("diffbot_tools.bringup").check_limits(members, ros_args)
+    entries = [entry for name, entry in NODES.items() if name in names]
     factories = [getattr(importlib.import_module(entry.module), entry.factory) for entry in entries]
 
     def make_nodes() -> Iterator[Any]:
@@ -84,6 +98,5 @@ def run_nodes(names: list[str], ros_args: list[str]) -> int:
             else:
                 yield factory()
 
-    # By name, as the nodes: this room can be imported without ROS.
-    status: int = importlib.import_module("diffbot_core.ros.node").run_together(make_nodes, ["--ros-args", *ros_args])
+    status: int = importlib.import_module("diffbot_core.ros.run").run(make_nodes, ["--ros-args", *ros_args])
     return status

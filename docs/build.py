@@ -1,8 +1,9 @@
 """Write the generated parts of docs/: ``python docs/build.py [--check] [--tables]``.
 
-They are the lists of parameters in reference/parameters/ and of bag rules in reference/bag-check.md, which follow the
-configuration types, and what the commands of the tutorials print. ``--tables`` leaves the tutorials out, which take
-minutes. ``--check`` writes nothing and fails if a page is out of date.
+They follow the code: the Python interface in reference/python.md, the arguments in reference/launch.md, the lists of
+parameters in reference/parameters/ and of bag rules in reference/bag-check.md, the table of states in
+reference/goals.md, and what the commands of the tutorials print.
+``--tables`` leaves the tutorials out, which take minutes. ``--check`` writes nothing and fails on an outdated page.
 """
 
 from __future__ import annotations
@@ -14,20 +15,59 @@ from pathlib import Path
 
 import tutorial_run
 from parameter_tables import with_parameters
+from python_api import python_api
 
-from diffbot_bag.tools.contract import BagRules, TopicRules
+from diffbot_bag.check import BagRules, TopicRules
+from diffbot_control.goals import TABLE, GoalEvent, State
 from diffbot_core.schema import Spec, parameters_of
+from diffbot_tools.bringup import ROBOT, SIMULATION
 
 DOCS = Path(__file__).parent
 _RULES = re.compile(r"(<!--rules-->\n).*?(\n<!--/rules-->)", re.DOTALL)
+_PYTHON = re.compile(r"(<!--python-->\n).*?(\n<!--/python-->)", re.DOTALL)
+_LAUNCH = re.compile(r"(<!--launch-->\n).*?(\n<!--/launch-->)", re.DOTALL)
+_STATES = re.compile(r"(<!--states-->\n).*?(\n<!--/states-->)", re.DOTALL)
 
 
 def tables() -> dict[Path, str]:
     """Return the pages of the reference with current lists of parameters and rules."""
     found = {}
     for path in sorted((DOCS / "reference").rglob("*.md")):
-        found[path] = _RULES.sub(lambda block: block[1] + rules() + block[2], with_parameters(path.read_text()))
+        page = _RULES.sub(lambda block: block[1] + rules() + block[2], with_parameters(path.read_text()))
+        for pattern, content in ((_STATES, states), (_PYTHON, python_api), (_LAUNCH, launch_arguments)):
+            page = pattern.sub(lambda block, content=content: block[1] + content() + block[2], page)  # type: ignore[misc]
+        found[path] = page
     return found
+
+
+def states() -> str:
+    """Return the table of the controller's states: what each event leads to."""
+    lines = ["| event | " + " | ".join(state.value for state in State) + " |", "|---" * (len(State) + 1) + "|"]
+    for event in GoalEvent:
+        cells = []
+        for state in State:
+            found = TABLE[state].get(event)
+            parts = (
+                [] if found is None else [found.state.value if found.state is not state else "", found.command.value]
+            )
+            answer = f"**{found.answer}**" if found is not None and found.answer else ""
+            cells.append("; ".join(part for part in (*parts, answer) if part))
+        lines.append(f"| {event.value} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def launch_arguments() -> str:
+    """Return the table of the arguments of both launch files."""
+    lines = ["| argument | default | values | meaning |", "|---|---|---|---|"]
+    robot, simulation = ({one.name: one for one in arguments} for arguments in (ROBOT, SIMULATION))
+    for name, one in (robot | simulation).items():
+        defaults = dict.fromkeys(found[name].default for found in (robot, simulation) if name in found)
+        default = " in the simulation, else ".join(f"`{text}`" for text in reversed(defaults) if text)
+        only = "robot.launch.py only: " if name not in simulation else ""
+        only = only or ("simulation.launch.py only: " if name not in robot else "")
+        values = "number" if one.is_number else ", ".join(f"`{word}`" for word in one.choices)
+        lines.append(f"| `{name}` | {default} | {values} | {only}{one.text} |")
+    return "\n".join(lines)
 
 
 def rules() -> str:

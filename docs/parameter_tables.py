@@ -12,18 +12,22 @@ from fnmatch import fnmatchcase
 from typing import Any, NamedTuple
 
 from diffbot_bag.parameters import RecorderConfig, ReplayConfig
+from diffbot_control.law.configuration import PaperConfig
 from diffbot_control.law.docking_axis import DockingConfig
 from diffbot_control.law.presets import PAPER, TUNED
 from diffbot_control.ros.parameters.controller import CONTROLLER_PRESETS, ControllerNodeConfig
+from diffbot_control.ros.parameters.dock import DockDetection
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.schema import Parameter, parameters_of, to_dict, variant
-from diffbot_sim.ros.parameters import PlantNodeConfig
+from diffbot_sim.parameters import PlantNodeConfig
 
 NODES = {
     "controller": ControllerNodeConfig,
     "ekf": EkfNodeConfig,
+    "dock_ekf": DockDetection,
     "plant": PlantNodeConfig,
     "docking": variant(DockingConfig, {}, without=("drive",)),
+    "paper": variant(PaperConfig, {}, without=("data_sheet", "tolerance", "allow_backward")),
     "recorder": RecorderConfig,
     "replay": ReplayConfig,
 }
@@ -98,7 +102,7 @@ def _entry(parameter: Parameter, tuned: dict[str, Any], paper: dict[str, Any], m
     if unit not in ("", "-"):
         default += f" [{unit}]" if default == "empty" else f" {unit}"
     notes = [_range(parameter, default)]
-    if tuned.get(name) != paper.get(name):
+    if name in paper and tuned.get(name) != paper[name]:
         notes.append(f"paper: {_text(paper[name])}")
     if mark_fixed and spec.read_only:
         notes.append("fixed")

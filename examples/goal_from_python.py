@@ -16,7 +16,7 @@ import rclpy
 from geometry_msgs.msg import PoseStamped
 
 from diffbot_control.ros.navigator import Navigator, TaskResult
-from diffbot_tools.demo.processes import NodeProcesses, PrivateDomain, graph_environment
+from diffbot_tools.processes import NodeProcesses, PrivateDomain, graph_environment
 
 SIMULATED = {"use_sim_time": True}
 

@@ -8,36 +8,36 @@ Barfoot, Liu, Int. J. Robotics Research 30 (2011) 969-974, and the bag in docs/h
 
 import sys
 from decimal import Decimal
+from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import yaml
 
-from diffbot_bag.bag.encoding import ODOMETRY, POSE, Encoder, NumbersMessage
-from diffbot_bag.bag.new_bag import new_bag
-from diffbot_bag.bag.qos import Qos
+from diffbot_bag.messages import encode, make
+from diffbot_bag.qos import Qos
+from diffbot_bag.writer import new_bag
 from diffbot_control.filter.models import move
-from diffbot_control.ros.messages.fields import fill_unestimated
+from diffbot_control.ros.messages.fields import fill_pose, fill_twist, fill_unestimated, set_stamp
 from diffbot_control.ros.messages.landmark_cloud import LandmarkPoint, fill_landmark_points
 from diffbot_core.errors import DiffbotError
-from diffbot_core.geometry import Pose, quaternion_of_yaw
+from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
-from diffbot_tools.trajectory import Trajectory, poses_at
+from diffbot_tools.figures import Trajectory, poses_at
 
 # Messages with equal stamps are written in this order: the filter answers an odometry, which has to come last.
-CLOUD = "sensor_msgs/msg/PointCloud2"
+ODOMETRY, POSE = "nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseWithCovarianceStamped"
+CLOUD, FIELD = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/PointField"
 TOPICS = {"/initialpose": POSE, "/landmarks": CLOUD, "/ground_truth": ODOMETRY, "/odom": ODOMETRY}
 PARAMETERS = {  # of the node ekf, the same for all robots
     "wheel_separation": 0.26, "wheel_radius": 0.033, "wheels_as_configured": 0.0,  # [m] of the iRobot Create
     # The odometry is the velocity command: it has scale errors of about 10 % and a dead time.
-    "wheel_radius_sigma": 0.1, "wheel_separation_sigma": 0.1, "wheel_radius_walk": 1e-3, "odometry_delay": 0.25,
-    # The error of the camera grows with the distance and is correlated in time; some markers are misread.
-    "landmark_range_sigma": 0.03, "landmark_range_sigma_per_metre": 0.025, "landmark_bearing_sigma": 0.02,
-    "landmark_range_offset": 0.04, "landmark_range_offset_sigma": 0.03, "landmark_range_scale": 0.025,
-    "landmark_range_scale_sigma": 0.02, "landmark_bearing_offset_sigma": 0.01, "landmark_correlation_time": 1.0,
-    "landmark_gate": "weigh", "gate_probability": 0.99,
+    "wheel_radius_sigma": 0.1, "wheel_separation_sigma": 0.1, "odometry_delay": 0.25,
+    # The errors of the camera are correlated in time; some markers are misread.
+    "landmark_range_offset": 0.04, "landmark_range_scale": 0.025, "correlation_times": [0.0, 0.0, 1.0],
+    "gate_probability": 0.99,
 }  # fmt: skip
+SIGMA, SIGMA_PER_METRE, BEARING_SIGMA = 0.03, 0.025, 0.02  # [m], [m/m], [rad] the errors grow with the distance
 
 
 def number(word, low=-1e4, high=1e4):
@@ -70,21 +70,25 @@ def clouds_of(measured, subjects, landmarks):
             if not clouds or clouds[-1][0] != time or subject in {point.number for point in clouds[-1][1]}:
                 clouds.append((time, []))
             # The "range" of the file is the depth along the axis of the camera.
-            clouds[-1][1].append(LandmarkPoint(subject, depth / np.cos(bearing), bearing, 0.0, 0.0))
+            distance = depth / np.cos(bearing)
+            variance = (SIGMA + SIGMA_PER_METRE * distance) ** 2
+            clouds[-1][1].append(LandmarkPoint(subject, distance, bearing, variance, BEARING_SIGMA**2))
     return clouds
 
 
 def messages(clouds, truth, commands):
     """Yield (stamp, place of the topic in TOPICS, CDR bytes) of each message; the order of the stamps is not kept."""
-    initial, encoder = NumbersMessage(POSE, "map"), Encoder()
-    true, driven = (NumbersMessage(ODOMETRY, frame, "base_link") for frame in ("map", "odom"))
-    initial.pose_covariance[[0, 7, 35]], true.pose_covariance[[0, 7, 35]], true.twist_covariance[::7] = 1e-4, 1e-6, 1e6
-    fill_unestimated(initial.pose_covariance)
-    fill_unestimated(true.pose_covariance)
+    initial = make(POSE, header={"frame_id": "map"})
+    true, driven = (make(ODOMETRY, header={"frame_id": frame}, child_frame_id="base_link") for frame in ("map", "odom"))
+    initial.pose.covariance[[0, 7, 35]], true.pose.covariance[[0, 7, 35]] = 1e-4, 1e-6
+    true.twist.covariance[::7] = 1e6
+    fill_unestimated(initial.pose.covariance)
+    fill_unestimated(true.pose.covariance)
 
     def encoded(topic, message, time, pose):
-        message.position[:2], message.orientation[2:] = pose[:2], quaternion_of_yaw(pose[2])
-        return time, topic, message.encode(time)
+        set_stamp(message.header.stamp, time)
+        fill_pose(message.pose.pose, Pose(*pose))
+        return time, topic, encode([*TOPICS.values()][topic], message)
 
     times, poses = sorted(commands), np.array(list(truth.values())).reshape(-1, 3)
     poses[:, 2] = np.unwrap(poses[:, 2])
@@ -95,16 +99,18 @@ def messages(clouds, truth, commands):
     start, last = times[known.argmax()], times[0]
     yield encoded(0, initial, start, first_poses[known.argmax()])
     for time, points in clouds:
-        header = {"stamp": {"sec": time // 10**9, "nanosec": time % 10**9}, "frame_id": "base_link"}
-        fill_landmark_points(message := SimpleNamespace(header=header), points, SimpleNamespace)
-        yield time, 1, encoder.encode(CLOUD, message)
+        message = make(CLOUD, header={"frame_id": "base_link"})
+        set_stamp(message.header.stamp, time)
+        fill_landmark_points(message, points, partial(make, FIELD))
+        message.data = np.frombuffer(message.data, np.uint8)
+        yield time, 1, encode(CLOUD, message)
     yield from (encoded(2, true, time, pose) for time, pose in truth.items())
     # A command holds until the next one: each message has the command before it, the mean twist since then.
     pose = Pose(0.0, 0.0, 0.0)
     for time in times:
         if time >= start:
-            pose = move(pose, commands[last], (time - max(last, start)) * 1e-9).end
-            driven.twist[[0, 5]] = commands[last]
+            pose = move(pose, commands[last], (time - max(last, start)) * 1e-9)
+            fill_twist(driven.twist.twist, commands[last])
             yield encoded(3, driven, time, pose)
         last = time
 

@@ -7,19 +7,20 @@ Writes law_alone.png.
 
 import matplotlib.pyplot as plt
 
-from diffbot_control.law import PRESETS, ControllerMemory, step
+from diffbot_control.law import CONTACT_UNKNOWN, Observation, SwitchingConfig, new_memory, step
 from diffbot_core.geometry import Pose
 from diffbot_core.uncertainty import CERTAIN, Estimate
-from diffbot_sim.model.plant import integrate
+from diffbot_sim.plant import integrate
 
 GOAL, DT = Pose(0.0, 0.0, 0.0), 0.1  # m, m, rad in map; s
 STARTS = Pose(-2.0, -5.5, 0.52), Pose(3.0, 3.0, 0.0), Pose(0.5, -2.0, 3.1)
 
 figure, axes = plt.subplots()
 for start in STARTS:
-    memory, path = ControllerMemory(), [start]
-    while not memory.settling.reached and len(path) < 500:
-        memory, command, report = step(memory, Estimate(path[-1], CERTAIN), GOAL, DT, PRESETS["tuned"])
+    memory, path = new_memory(), [start]
+    while not memory.reached and len(path) < 500:
+        observation = Observation(Estimate(path[-1], CERTAIN), DT, DT, CONTACT_UNKNOWN)
+        memory, command, report = step(memory, observation, GOAL, SwitchingConfig())
         path.append(integrate(path[-1], command, DT, exact_arc=True))
     x, y, theta = path[-1]
     print(f"from {start}: after {DT * len(path):.1f} s at {x:.3f} m, {y:.3f} m, {theta:.3f} rad")

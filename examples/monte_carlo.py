@@ -11,8 +11,9 @@ import sys
 import matplotlib.pyplot as plt
 import numpy as np
 
+from diffbot_control.law import PRESETS
 from diffbot_lab.cases import configure, make_case
-from diffbot_sim.compiled.batch import COLUMNS, Starts, run_batch
+from diffbot_sim.batch import COLUMNS, Starts, run_batch
 
 words = sys.argv[1:] or ["2000"]
 if len(words) > 1 or not words[0].isdecimal() or not 1 <= int(words[0]) <= 1_000_000:
@@ -23,8 +24,9 @@ ANYWHERE = Starts(np.zeros((1, 3)), half=(5.0, 5.0, math.pi))  # uniform in this
 
 figure, axes = plt.subplots()
 for preset in ("paper", "tuned"):
-    case = make_case(configure({"preset": preset}), duration=40.0, feedback="ekf", tolerance=(0.1, 0.1))
-    outcomes = run_batch(case, ANYWHERE, SEED, first=0, count=RUNS)
+    law, settings = PRESETS[preset].law, configure({"preset": preset}, PRESETS[preset].law)
+    case = make_case(settings, duration=40.0, feedback="ekf", tolerance=(0.1, 0.1), law=law)
+    outcomes = run_batch(case, ANYWHERE, SEED, first=0, count=RUNS, law=law)
     x, y = (outcomes[:, COLUMNS.index(name)] for name in ("x", "y"))
     error, settling = np.hypot(x, y), outcomes[:, COLUMNS.index("settling_time")]
     settled = np.isfinite(settling)

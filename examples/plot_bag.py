@@ -12,30 +12,30 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from diffbot_core.errors import DiffbotError
-from diffbot_tools.demo.run_record import read_run
+from diffbot_tools.view.bag_source import read_bag
 
 if len(sys.argv) not in (2, 3):
     sys.exit(__doc__)
 try:
-    run = read_run(Path(sys.argv[1]))  # BagReader, in diffbot_bag.bag.reader, gives each message
+    run = read_bag(Path(sys.argv[1]))  # BagReader, in diffbot_bag.bag, gives each message
 except DiffbotError as error:
     sys.exit(str(error))
-if not len(run.estimate):
-    sys.exit(f"{sys.argv[1]}: no /pose in it")
+curves = run.robots[0].curves
+if "error" not in curves:
+    sys.exit(f"{sys.argv[1]}: no estimate with true poses in it")
 
-time, *truth = run.truth.T
-known, *estimate = run.estimate[:, :3].T
-error = np.hypot(*(one - np.interp(known, time, true) for one, true in zip(estimate, truth, strict=False)))
-print(f"{run.messages} messages, {len(time)} true poses, {time[-1]:.1f} s")
+truth = curves["truth"]
+error = np.hypot(curves["error"]["x"], curves["error"]["y"])
+print(f"{run.messages} messages, {len(truth['t'])} true poses, {truth['t'][-1]:.1f} s")
 print(f"error of the estimate: median {np.median(error):.3f} m, largest {np.max(error):.3f} m")
 
 figure, (path, errors) = plt.subplots(1, 2, figsize=(10.0, 4.0), layout="constrained")
-path.plot(*run.fixes[:, 1:3].T, ".", color="grey", markersize=2, label="fixes")
-path.plot(*truth[:2], label="truth")
-path.plot(*estimate, label="estimate")
+path.plot(curves["fixes"]["x"], curves["fixes"]["y"], ".", color="grey", markersize=2, label="fixes")
+for name in ("truth", "estimate"):
+    path.plot(curves[name]["x"], curves[name]["y"], label=name)
 path.set(xlabel="x [m]", ylabel="y [m]")
 path.set_aspect("equal", adjustable="datalim")
 path.legend()
-errors.plot(known, error)
+errors.plot(curves["error"]["t"], error)
 errors.set(xlabel="t [s]", ylabel="error of the estimate [m]")
 figure.savefig(sys.argv[2] if len(sys.argv) == 3 else "plot_bag.png")

@@ -1,15 +1,15 @@
-"""A law of your own in the arena: turn towards the goal, drive there, turn to its heading.
+"""A law of your own in the benchmark: turn towards the goal, drive there, turn to its heading.
 
-    python examples/straight_line.py --runs 20 --case nominal --out arena
+    python examples/straight_line.py --runs 20 --case nominal --out benchmark
 
-Needs the extra `batch`. The protocol of a law is in docs/how-to/own-law.md.
+Needs the extra `batch`. The interface of a law is in docs/how-to/own-law.md.
 """
 
 import math
 import sys
 from typing import Annotated, NamedTuple
 
-from diffbot_control.law import Report, limit_velocity
+from diffbot_control.law import GoalTolerance, Law, Report, limit_velocity
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import into_frame, wrap_angle
 from diffbot_core.kinematics import Twist
@@ -17,11 +17,12 @@ from diffbot_core.schema import Spec
 
 
 class Config(NamedTuple):
-    """Parameters, with text, unit and range; the data sheet brings the limits of the robot."""
+    """Parameters, with text, unit and range; every law has a data sheet and tolerances."""
 
+    data_sheet: DataSheet = DataSheet()
+    tolerance: GoalTolerance = GoalTolerance()
     distance_gain: Annotated[float, Spec("speed per distance", "1/s", 0.1, 10.0)] = 1.0
     turn_gain: Annotated[float, Spec("rate per angle", "1/s", 0.1, 10.0)] = 2.0
-    data_sheet: DataSheet = DataSheet()
 
 
 class Memory(NamedTuple):
@@ -31,10 +32,11 @@ class Memory(NamedTuple):
     reached: bool
 
 
-class StraightLine:
-    """The law: a name, a configuration type, and two pure functions."""
+class StraightLine(Law):
+    """Turn towards the goal, drive there, turn to its heading."""
 
-    name, Config = "straight_line", Config
+    name = "straight_line"
+    Config = Config
 
     @staticmethod
     def new_memory(config):
@@ -42,13 +44,13 @@ class StraightLine:
         return Memory(False, False)
 
     @staticmethod
-    def step(memory, estimate, goal, dt, config):
-        """Answer an estimate with the next memory, a command and a report."""
-        x, y, theta = into_frame(estimate.pose, goal)
+    def step(memory, observation, goal, config):
+        """Answer a pose with the next memory, a command and a report."""
+        x, y, theta = into_frame(observation.estimate.pose, goal)
         rho, beta = math.hypot(x, y), math.atan2(-y, -x)
         alpha = wrap_angle(beta - theta)
-        arrived = memory.arrived or rho < 0.04  # m
-        reached = memory.reached or (arrived and abs(theta) < 0.03)
+        arrived = memory.arrived or rho < 0.4 * config.tolerance.xy_goal_tolerance
+        reached = memory.reached or (arrived and abs(theta) < 0.3 * config.tolerance.yaw_goal_tolerance)
         angle, v = (-theta, 0.0) if arrived else (alpha, config.distance_gain * rho * max(math.cos(alpha), 0.0))
         command = Twist(0.0, 0.0) if reached else limit_velocity(Twist(v, config.turn_gain * angle), config.data_sheet)
         return Memory(arrived, reached), command, Report(rho, alpha, beta, theta, 0.0, 0, 0.0)

@@ -3,6 +3,6 @@
 ros2 launch diffbot robot.launch.py --show-args
 """
 
-from diffbot_tools.bringup.ros.launch_files import robot
+from diffbot_tools.launch_files import robot
 
 generate_launch_description = robot

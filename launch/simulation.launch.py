@@ -3,6 +3,6 @@
 ros2 launch diffbot simulation.launch.py --show-args
 """
 
-from diffbot_tools.bringup.ros.launch_files import simulation
+from diffbot_tools.launch_files import simulation
 
 generate_launch_description = simulation

@@ -9,7 +9,7 @@ import graph
 import pytest
 import requirements
 
-from diffbot_tools.demo.processes import localhost_discovery
+from diffbot_tools.processes import localhost_discovery
 
 try:
     from hypothesis import settings
@@ -44,10 +44,10 @@ PROCESSES = ("graph/", "faults/", "real/", "slow/")
 LONGEST_FIRST = ("install", "study", "graph")
 """Marks, by the time that a file of such tests takes."""
 STUDIES = (
-    "lab/arena/",
+    "lab/benchmark/",
     "lab/campaign/",
-    "lab/filter_benchmark/",
-    "lab/paper/",
+    "lab/test_filter_benchmark.py",
+    "lab/test_paper.py",
     "lab/stability/",
     "sim/compiled/",
     "tools/calibration/",

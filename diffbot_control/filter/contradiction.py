@@ -1,12 +1,12 @@
-"""Whether the fixes contradict the odometry, so that no estimate made of both may drive a robot.
+"""Detection of fixes that contradict the odometry, so that no estimate made of both drives a robot.
 
-A robot that was carried away relocates the filter once. Fixes whose heading is turned, whose axes are swapped or
-mirrored agree with the odometry never: they relocate it again and again while the robot drives, or, where fixes are so
-frequent that the estimate just lags behind them, their innovations are far too large and all alike. Fixes of a source
-that hangs repeat one value while the odometry moves. At rest none of it shows, so a contradiction lasts for QUIET_TIME
-after its last sign: long enough for a goal to end (``pose_lost_timeout``). A pose set by hand ends it at once.
+A robot that was carried away relocates the filter once. Fixes with a turned heading or with swapped or mirrored axes
+never agree with the odometry. They relocate the filter again and again while the robot drives. If they are so frequent
+that the estimate just lags behind them, their innovations are far too large and all alike. Fixes of a source that hangs
+repeat one value while the odometry moves. A robot at rest shows no signs, so a contradiction lasts for QUIET_TIME after
+its last sign, which is long enough for a goal to end (``pose_lost_timeout``). A pose set by hand ends it at once.
 
-Pure functions with their memory; times are stamps [ns].
+Pure functions of their memory; times are stamps [ns].
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ from __future__ import annotations
 from typing import NamedTuple
 
 MAX_RELOCATIONS = 3
-"""Relocations within WINDOW that are a contradiction."""
+"""This many relocations within WINDOW are a contradiction."""
 WINDOW = 10 * 10**9
 """[ns]"""
 QUIET_TIME = 60 * 10**9
-"""[ns] without a sign of it after which a contradiction is over"""
+"""[ns] A contradiction without new signs ends after this time."""
 FROZEN_FIXES = 5
-"""Equal fixes in a row, to the last bit, that are a contradiction ..."""
+"""This many fixes in a row that are equal to the last bit are a contradiction ..."""
 FROZEN_DISTANCE = 0.5
-"""[m] ... if the odometry has moved by so much meanwhile."""
+"""[m] ... if the odometry has moved by this distance meanwhile."""
 MAX_NIS_RATIO, MAX_CORRELATION = 10.0, 0.8
-"""Mean NIS over its alarm, and correlation of innovations in a row, that are a contradiction if both are exceeded;
-outliers are large as well, but not alike."""
+"""Mean NIS over its alarm bound, and correlation of innovations in a row, that are a contradiction if both are
+exceeded. Outliers are also large, but not alike."""
 RELOCATING, FROZEN = "fixes contradict the odometry", "fixes stand still while the odometry moves"
 
 
@@ -33,17 +33,17 @@ class Contradiction(NamedTuple):
     """Memory of the signs."""
 
     relocations: tuple[int, ...] = ()
-    """[ns] the newest ones, at most MAX_RELOCATIONS"""
+    """[ns] stamps of the newest relocations, at most MAX_RELOCATIONS"""
     fix: tuple[float, ...] = ()
-    """the newest one of global_pose"""
+    """numbers of the newest fix of global_pose"""
     repetitions: int = 1
-    """how often in a row it came"""
+    """number of fixes in a row with these numbers"""
     distance: float = 0.0
-    """[m] that the odometry has moved since it came first"""
+    """[m] that the odometry has moved since the first of them"""
     cause: str = ""
     """RELOCATING or FROZEN; empty: there is no contradiction"""
     since: int = 0
-    """[ns] of its newest sign"""
+    """[ns] stamp of its newest sign"""
 
 
 NONE = Contradiction()
@@ -51,7 +51,7 @@ NONE = Contradiction()
 
 def with_relocation(memory: Contradiction, stamp: int) -> Contradiction:
     """Add a relocation at ``stamp``."""
-    # Sorted: a late measurement may relocate, too.
+    # Sorted, since a late measurement may also relocate.
     newest = tuple(sorted((*memory.relocations, stamp)))[-MAX_RELOCATIONS:]
     memory = memory._replace(relocations=newest)
     if len(newest) == MAX_RELOCATIONS and newest[-1] - newest[0] <= WINDOW:
@@ -70,7 +70,7 @@ def with_fix(memory: Contradiction, stamp: int, fix: tuple[float, ...]) -> Contr
 
 
 def with_innovations(memory: Contradiction, stamp: int, nis_ratio: float, correlation: float) -> Contradiction:
-    """Add the mean NIS over its alarm and the correlation of the newest innovations of fixes."""
+    """Add the mean NIS over its alarm bound and the correlation of the newest innovations of fixes."""
     if nis_ratio > MAX_NIS_RATIO and correlation > MAX_CORRELATION:
         return memory._replace(cause=RELOCATING, since=stamp)
     return memory

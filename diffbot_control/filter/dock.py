@@ -1,8 +1,8 @@
-"""The robot's pose in the frame of a dock that it sees: a detection turned round. Pure functions of floats.
+"""The robot's pose in the frame of a detected dock: the inverse of the detection. Pure functions of floats.
 
-The dock's frame has its origin where the robot stands when it is docked, and the robot's heading then as x axis. A
-filter in this frame needs no pose in map, so a relocation there does not move the dock; between detections, and when
-there are none any more, it goes on by odometry, and its covariance says how far that can be trusted.
+The docked robot stands at the origin of the dock's frame and points along its x axis. A filter in this frame does not
+need a pose in map, so a relocation in map does not move the dock. Between detections the filter continues by odometry,
+and its covariance grows accordingly.
 """
 
 from __future__ import annotations
@@ -28,19 +28,19 @@ class FixNoise(NamedTuple):
 
 
 def robot_at_dock(detected: Pose) -> Pose:
-    """Return the robot's pose in the dock's frame, given the dock's in the robot's."""
+    """Return the robot's pose in the dock's frame, given the dock's pose in the robot's frame."""
     return into_frame(Pose(0.0, 0.0, 0.0), detected)
 
 
 def noise_at_dock(robot: Pose, var_position: float, var_heading: float) -> FixNoise:
     """Return the covariance of :func:`robot_at_dock` to first order.
 
-    An error of the dock's heading turns the robot about the dock, so it moves it the farther the farther it is away.
+    An error of the dock's heading turns the robot about the dock, so the error of its position grows with the distance.
 
     Args:
-        robot: pose in the dock's frame.
-        var_position: variance of the dock's x and of its y in the robot's frame, independent [m^2].
-        var_heading: of its heading there [rad^2].
+        robot: pose of the robot in the dock's frame.
+        var_position: variance of the dock's x and of its y in the robot's frame, which are independent [m^2].
+        var_heading: variance of the dock's heading in the robot's frame [rad^2].
     """
     x, y = robot.x, robot.y
     return FixNoise(
@@ -53,42 +53,29 @@ def noise_at_dock(robot: Pose, var_position: float, var_heading: float) -> FixNo
     )
 
 
-def scaled_noise(noise: FixNoise, position: float, heading: float) -> FixNoise:
-    """Return a covariance with the variances of position and heading scaled by these factors."""
-    both = math.sqrt(position * heading)
-    return FixNoise(
-        position * noise.xx,
-        position * noise.xy,
-        position * noise.yy,
-        both * noise.xt,
-        both * noise.yt,
-        heading * noise.tt,
-    )
+class DockedPose(NamedTuple):
+    """Pose of the docked robot in the frame of the marker that a detector measures."""
 
+    x: float
+    """[m]"""
+    y: float
+    """[m]"""
+    theta: float
+    """[rad]"""
 
-class Mounting(NamedTuple):
-    """Where a detector is on the robot, and where the docked robot stands relative to what it detects."""
+    def robot(self, marker: Pose) -> Pose:
+        """Return the robot's pose in the dock's frame, given the marker's pose in the robot's frame."""
+        return robot_at_dock(out_of_frame(Pose(*self), marker))
 
-    detector: Pose
-    """[m, m, rad] in the robot's frame"""
-    docked: Pose
-    """[m, m, rad] of the docked robot in the frame of what is detected"""
-
-    def robot(self, detected: Pose) -> Pose:
-        """Return the robot's pose in the dock's frame for a pose detected in the detector's."""
-        return robot_at_dock(out_of_frame(self.docked, out_of_frame(detected, self.detector)))
-
-    def covariance(self, detected: Pose, R: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the covariance (3, 3) of :meth:`robot` to first order, for ``R`` (3, 3) of the detected pose."""
-        marker = out_of_frame(detected, self.detector)
-        x, y, theta = robot_at_dock(out_of_frame(self.docked, marker))
-        offset_x, offset_y, _ = out_of_frame(self.docked, Pose(0.0, 0.0, marker.theta))
-        # Of the docked robot in the robot's frame by the detected x, y, theta ...
-        c, s = math.cos(self.detector.theta), math.sin(self.detector.theta)
-        by_detected = np.array(((c, -s, -offset_y), (s, c, offset_x), (0.0, 0.0, 1.0)))
-        # ... and of the robot in the dock's frame by that.
+    def covariance(self, marker: Pose, R: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the covariance (3, 3) of :meth:`robot` to first order, given ``R`` (3, 3) of the marker's pose."""
+        x, y, theta = self.robot(marker)
+        offset_x, offset_y, _ = out_of_frame(Pose(*self), Pose(0.0, 0.0, marker.theta))
+        # Jacobian of the docked pose in the robot's frame with respect to the marker's pose.
+        docked_by_marker = np.array(((1.0, 0.0, -offset_y), (0.0, 1.0, offset_x), (0.0, 0.0, 1.0)))
+        # Jacobian of the robot's pose in the dock's frame with respect to the docked pose.
         c, s = math.cos(theta), math.sin(theta)
-        by_docked = np.array(((-c, s, y), (-s, -c, -x), (0.0, 0.0, -1.0)))
-        J = by_docked @ by_detected
+        robot_by_docked = np.array(((-c, s, y), (-s, -c, -x), (0.0, 0.0, -1.0)))
+        J = robot_by_docked @ docked_by_marker
         covariance: NDArray[np.float64] = J @ R @ J.T
         return covariance

@@ -1,61 +1,55 @@
-"""Fusing odometry, fixes, headings and landmarks in the order of their stamps, whatever the order of arrival.
+"""The filter of a robot: fuses odometry, fixes, headings, landmarks and turn rates in the order of their stamps.
 
 The filter's time is the stamp of the newest odometry. A measurement with a later stamp waits for its odometry. One with
-an earlier stamp is inserted into a bounded history of odometry steps, and the steps after it are computed again.
+an earlier stamp is inserted into the :mod:`history`, and the steps after the measurement are computed again, once for
+all late measurements of a message.
 """
 
 from __future__ import annotations
 
 import math
-from bisect import insort
-from collections import OrderedDict, deque
-from collections.abc import Collection, Iterable
+from collections import Counter
+from collections.abc import Collection, Iterable, Sequence
 from typing import NamedTuple
 
-from diffbot_control.filter import contradiction
-from diffbot_control.filter.belief import Belief, pose_of
-from diffbot_control.filter.gate import RELOCATED
-from diffbot_control.filter.gated_filter import GatedFilter
-from diffbot_control.filter.gyro import GyroHistory, GyroSample
-from diffbot_control.filter.innovation_monitor import InnovationMonitor
-from diffbot_control.filter.localization_config import LocalizationConfig
-from diffbot_control.filter.measurements import FIXES, Array, Measurement
-from diffbot_control.filter.measurements.gyro import GyroRate
-from diffbot_control.filter.measurements.measurement import Key, key_of, split_at
-from diffbot_control.filter.memory import Memory
+import numpy as np
+
+from diffbot_control.filter import contradiction, ekf, state
+from diffbot_control.filter.config import LocalizationConfig, options_of, sources_of
+from diffbot_control.filter.consistency import SourceConsistency, consistency_of
+from diffbot_control.filter.history import History, Step
+from diffbot_control.filter.measurement import FIXES, LANDMARKS, GyroSample, Measurement
 from diffbot_control.filter.models import (
     NO_RATE,
-    GyroShare,
+    POSE_FIX,
+    UNKNOWN_HEADING,
+    Array,
     Motion,
+    Reading,
     TurnRate,
+    corrected_twist,
     covariance_with_rate,
     gyro_share,
+    is_fix,
     slip_covariance,
-    with_rate,
 )
-from diffbot_control.filter.odometry import DelayLine, OdometryStep
-from diffbot_control.filter.odometry_noise import density_of, over_time
-from diffbot_control.filter.options import FilterOptions, options_of
+from diffbot_control.filter.odometry import DelayLine, EarlyOdometry, OdometryStep, step_noise, unknown_motion
+from diffbot_control.filter.odometry_check import MIN_RATE, MIN_SPEED, Agreement, with_rates
 from diffbot_core.errors import BadMessageError
-from diffbot_core.geometry import Pose
+from diffbot_core.geometry import Point, Pose
 from diffbot_core.kinematics import Twist, TwistCovariance, WheelGeometry, add_twist_covariance, scale_twist_covariance
-from diffbot_core.units import S_PER_NS
+from diffbot_core.stamps import NS_PER_S, S_PER_NS
 
-_MAX_PENDING = 1000
-"""Measurements that may wait for their odometry; if there are more, no odometry comes."""
-_MAX_GAP = 1000 * 10**9
-"""[ns] between two odometry messages; a longer motion is not described by its mean twist."""
-_MAX_KEYS = 10_000
-"""Number of measurements whose keys are kept to recognise duplicates."""
-
-
-_ORIGIN = Pose(0.0, 0.0, 0.0)
+_MAX_GAP = 1000 * NS_PER_S
+"""[ns] between two odometry messages; the mean twist does not describe a longer motion."""
+_SET_BACK, _MIN_SET_BACK = 2, NS_PER_S // 10
+"""If this many odometry messages in a row are behind the newest one, and span at least this time [ns], their clock was
+set back. A single one is out of order."""
 _NO_SLIP = TwistCovariance(0.0, 0.0, 0.0)
-_NO_SHARE = GyroShare(0.0, 0.0)
 
 
 class FilterEstimate(NamedTuple):
-    """State of the filter at one time."""
+    """State of the filter at one time, averaged over the hypotheses on the errors of the sensors."""
 
     stamp: int
     """[ns]"""
@@ -63,31 +57,9 @@ class FilterEstimate(NamedTuple):
     P: Array
     """(3, 3) covariance of x, y, theta [m, m, rad]"""
     odometry: OdometryStep | None
-    """what moved the robot to this time; None at first"""
-    average: Belief
-    """all states, averaged over the hypotheses on the estimated errors, see :mod:`averaging`"""
-
-
-class _Step:
-    """One odometry step of the history with the filter's memory before it, so that it can be computed again."""
-
-    __slots__ = ("is_gap", "measurements", "memory", "odometry", "start", "whole")
-
-    def __init__(
-        self,
-        start: int,
-        odometry: OdometryStep,
-        whole: int,
-        memory: Memory,
-        measurements: list[Measurement],
-        is_gap: bool,
-    ) -> None:
-        self.start = start
-        self.is_gap = is_gap
-        self.odometry = odometry
-        self.whole = whole
-        self.memory = memory
-        self.measurements = measurements
+    """the newest odometry; None before the first one"""
+    x: Array
+    """(n,) all states, see :mod:`models`"""
 
 
 class Localization:
@@ -99,79 +71,75 @@ class Localization:
         wheel_separation: float = WheelGeometry().wheel_separation,
         max_extrapolation: float = math.inf,
         *,
-        landmarks: bool = False,
+        landmarks: Sequence[Point] = (),
     ) -> None:
-        """Start unknown: :attr:`initialised` is False until a pose comes.
+        """Start with an unknown pose.
 
         Args:
             config: options of the fusion.
             wheel_separation: L [m].
-            max_extrapolation: [s] before its stamp for which an odometry's twist is taken for the motion; see
+            max_extrapolation: [s] before its stamp in which the twist of an odometry describes the motion; see
                 :meth:`on_odometry`.
-            landmarks: there are some, so the errors of their sensor may be states.
+            landmarks: positions of the landmarks on the map [m]; measurements of other landmarks are dropped.
         """
         self.config = config
         self.max_extrapolation = max_extrapolation
-        self._history = round(config.history_length / S_PER_NS)
-        self._landmarks = landmarks
-        self.filter = GatedFilter(self._options(), wheel_separation, config.correlation_times())
-        self.monitor = InnovationMonitor()
-        self.dropped_before_odometry = 0
-        """number of measurements dropped because their stamps are before the first odometry's"""
+        self._sources = {name: row for row, name in enumerate(sources_of(config))}
+        self._places = {point: len(self._sources) + index for index, point in enumerate(landmarks)}
+        self.configure(config, wheel_separation)
+        self.filter = state.new_filter(self.options, len(self._places))
         self.slips = 0
         """number of odometry steps whose turn rate the gyro contradicted"""
-        self.slipping = 0.0
-        """[s] for which it has done so without a break"""
-        self.initialised = False
-        self.contradiction = contradiction.NONE
-        """signs that the fixes contradict the odometry"""
-        self._stamp: int | None = None
-        self._odometry: OdometryStep | None = None
-        self._steps: deque[_Step] = deque()
-        self._delayed = DelayLine()
-        self._pending: list[Measurement] = []
-        self._keys: OrderedDict[Key, None] = OrderedDict()
-        self._gyro = GyroHistory()
-        self._rate, self._share = NO_RATE, _NO_SHARE
+        self.dropped_before_odometry = 0
+        """number of measurements that were dropped because their stamps are before the first odometry"""
+        self.clock_set_back = 0
+        """number of times that the clock of the odometry was set back and the filter followed it"""
+        self.time_restarts = True
+        """True: a jump of the time is the start of another run, as of a simulation or a bag, and resets the filter.
+        False: a jump means that the clock was set."""
+        self.outcomes: dict[str, Counter[int]] = {FIXES: Counter()}
+        """number of measurements of each source that were ACCEPTED, REJECTED, RELOCATED, IGNORED or WEIGHED"""
+        self.reset()
 
     def configure(self, config: LocalizationConfig, wheel_separation: float) -> None:
-        """Apply changed options from the next message on; the variant of the filter stays."""
-        self._history = round(config.history_length / S_PER_NS)
-        self.config = config._replace(filter=config.filter._replace(filter=self.config.filter.filter))
-        self.filter.configure(self._options(), wheel_separation, self.config.correlation_times())
-
-    def _options(self) -> FilterOptions:
-        return options_of(self.config.filter, landmarks=self._landmarks)
+        """Apply changed options from the next message on; the variant of the filter and its sources stay."""
+        variant = self.config.filter.filter
+        self.config = config._replace(filter=config.filter._replace(filter=variant))
+        self.options = options_of(self.config, wheel_separation, tuple(self._places))
+        self._history_length = round(config.history_length / S_PER_NS)
 
     def reset(self) -> None:
         """Reset everything to unknown; the next fix initialises the filter."""
-        self.filter.reset()
-        self.monitor.clear()
+        state.reset(self.filter, self.options)
         self.initialised = False
         self.contradiction = contradiction.NONE
-        self._stamp = None
-        self._odometry = None
-        self._steps.clear()
-        self._delayed.clear()
-        self._pending.clear()
-        self._keys.clear()
-        self._gyro.clear()
-        self._rate, self._share = NO_RATE, _NO_SHARE
+        """signs that the fixes contradict the odometry"""
         self.slipping = 0.0
+        """[s] of motion for which the gyro has contradicted the turn rate without a break"""
+        self.turns = Agreement()
+        """agreement of the turn rates of wheels and gyro"""
+        self._early = EarlyOdometry()
+        self._behind: list[OdometryStep] = []
+        """odometry messages in a row that are behind the newest one"""
+        self._stamp: int | None = None
+        self._odometry: OdometryStep | None = None
+        self._history = History()
+        self._delayed = DelayLine()
+        self._newest_motion: Motion | None = None
 
     def initialise(self, pose: Pose, P: Array, stamp: int | None = None) -> None:
         """Put the filter at ``pose`` with covariance ``P`` (3, 3).
 
-        The radius errors stay, and so does the filter's time; if it has none yet, that is ``stamp`` [ns], or the first
-        odometry's.
+        The estimated errors stay, and so does the filter's time. If the filter has no time yet, its time becomes
+        ``stamp`` [ns], or the stamp of the first odometry. A stamp of another clock is replaced by the stamp of the
+        newest odometry.
         """
-        self.filter.reset_to(pose, P)
-        self.monitor.clear()
+        newest = self._early.newest
+        if stamp is not None and newest is not None and abs(stamp - newest) > self._history_length:
+            stamp = newest
+        state.start(self.filter, pose, P)
         self.contradiction = contradiction.NONE
-        self._steps.clear()
-        for waiting in self._pending:
-            self._forget_key(waiting)
-        self._pending.clear()
+        self._history.clear()
         if self._stamp is None:
             self._stamp = stamp
         self.initialised = True
@@ -184,112 +152,144 @@ class Localization:
         """
         if not self.initialised or self._stamp is None:
             raise BadMessageError("no fix yet")
-        average = self.filter.average()
-        return FilterEstimate(self._stamp, pose_of(average), average.P[:3, :3], self._odometry, average)
+        x, P = ekf.average(self.filter, self.options)
+        return FilterEstimate(self._stamp, Pose(*x[:3].tolist()), P[:3, :3], self._odometry, x)
 
     def twist_of(self, estimate: FilterEstimate, odometry: OdometryStep) -> tuple[Twist, TwistCovariance]:
-        """Return the twist of the newest odometry, corrected by the errors in an estimate and the gyro.
+        """Return the twist of the newest odometry, corrected by the gyro and by the errors in an estimate.
+
+        Args:
+            estimate: the newest one.
+            odometry: used if the estimate is older than the first odometry.
 
         Returns:
-            The twist and its covariance; a covariance of zeros is unknown and stays so.
+            The twist and its covariance; a covariance of zeros means unknown and stays so.
         """
-        x, states = estimate.average.x, self.filter.states
-        wheels = self.filter.corrected_twist(odometry.twist, x)
-        bias = x[states.gyro]
-        if not bias.size:
-            return wheels, odometry.covariance
-        difference = self._rate.value - bias.item() - wheels.omega
-        return with_rate(wheels, difference, self._share), covariance_with_rate(odometry.covariance, self._share)
+        _, twist, covariance = estimate.odometry or odometry
+        motion, newest = Motion(twist, 0.0, covariance), self._newest_motion
+        if newest is not None and newest.rate is not NO_RATE:
+            motion = motion._replace(covariance=newest.covariance, rate=newest.rate)
+            covariance = covariance_with_rate(covariance, gyro_share(newest.covariance, newest.rate))
+        return corrected_twist(estimate.x, motion, self.options.separation), covariance
 
-    def correlated(self) -> list[str]:
-        """Return the sensors whose innovations are more correlated in time than the filter assumes their errors to be.
-
-        The autocorrelation of the innovations is that of the errors if the filter follows none of them, and less
-        otherwise.
-        """
-        assumed = self.filter.assumed_correlation
-        return [
-            name
-            for name, one in self.monitor.whiteness().items()
-            if one.correlation > assumed(name, one.periods) + one.alarm
-        ]
+    def consistency(self) -> dict[str, SourceConsistency]:
+        """Return what the accepted innovations of each source say about the filter, for sources that have any."""
+        noise, times = self.filter.noise, self.options.times
+        found = {name: consistency_of(noise[row], times[row]) for name, row in self._sources.items()}
+        return {name: one for name, one in found.items() if one is not None}
 
     def check_innovations(self) -> None:
-        """Look for fixes that contradict the odometry without relocating the filter; to be called now and then."""
-        nis, found = self.monitor.nis(), self.monitor.whiteness().get(FIXES)
-        if nis is not None and found is not None and self._stamp is not None:
+        """Check whether the fixes contradict the odometry without relocating the filter; call it periodically."""
+        one = self.consistency().get(FIXES)
+        if one is not None and one.autocorrelation is not None and self._stamp is not None:
             self.contradiction = contradiction.with_innovations(
-                self.contradiction, self._stamp, nis.mean / nis.alarm, found.correlation
+                self.contradiction, self._stamp, one.nis / one.alarm, one.autocorrelation
             )
 
-    def on_odometry(self, odometry: OdometryStep) -> FilterEstimate:
+    def on_odometry(self, odometry: OdometryStep, acts_for: float = math.inf) -> FilterEstimate:
         """Move to the stamp of ``odometry`` and fuse the measurements that waited for it.
 
         An odometry with the stamp of the last one (a repetition) is answered without moving. After a gap in the
-        odometry its twist moves the estimate for the last ``max_extrapolation`` seconds only. Before, the estimate
-        stays, and its deviation grows by the way that the faster of the two twists around the gap would have made.
+        odometry, its twist moves the estimate for the last ``max_extrapolation`` seconds only. During the rest of the
+        gap the estimate stays, and its deviation grows by the distance that the faster of the two twists around the gap
+        would cover.
+
+        If several messages in a row are behind the newest one, their clock was set back, and the filter follows them.
+        If the clock was set forward, the estimate becomes as uncertain as after a gap of at most max_extrapolation.
+
+        Args:
+            odometry: the message.
+            acts_for: [s] before its stamp in which its twist acts at most, if its clock was set forward meanwhile.
 
         Raises:
-            BadMessageError: before the first fix; out of order; or if time jumped back by more than the history, or
-                ahead by more than 1000 s, which resets the filter.
+            BadMessageError: before the first fix; if the message is out of order; or if time jumped back by more than
+                the history, or ahead by more than 1000 s, which resets the filter.
         """
         if not self.initialised:
+            self._early.add(odometry, self._history_length)
             raise BadMessageError("no fix yet")
         if self._stamp is None:
             self._stamp = odometry.stamp
-            self._drop_pending_before(odometry.stamp)
+            self.dropped_before_odometry += self._history.drop_waiting_before(odometry.stamp)
         late = self._stamp - odometry.stamp
-        if late >= 0 or late < -_MAX_GAP:
-            self._check_time(late)
+        is_set_forward = acts_for < math.inf and not self.time_restarts
+        if late >= 0 or (late < -_MAX_GAP and self._odometry is not None and not is_set_forward):
+            self._check_time(late, odometry)
             return self.estimate()
-        late += self._cross_gap(-late, odometry)
+        self._behind.clear()
+        if is_set_forward and math.isfinite(longest := acts_for + self.max_extrapolation):
+            # The clock shows that hardly more time has passed.
+            self._begin_clock(max(self._stamp, odometry.stamp - round(longest / S_PER_NS)))
+        start = self._cross_gap(self._stamp, odometry, min(acts_for, self.max_extrapolation))
         delay = round(self.config.odometry.odometry_delay / S_PER_NS)
-        for piece, whole in self._delayed.pieces(self._stamp, odometry, delay) if delay else ((odometry, -late),):
-            self._step(self._stamp, piece, whole)
-        self._trim()
+        for piece, whole in self._delayed.pieces(start, odometry, delay):
+            start = self._step(start, piece, whole)
+        self._history.trim(self._history_length)
         return self.estimate()
 
-    def _cross_gap(self, whole: int, after: OdometryStep) -> int:
-        """Pass the part of ``whole`` [ns] in which the motion before ``after`` is unknown; return its length [ns]."""
-        start = self._stamp
-        if start is None or whole * S_PER_NS <= self.max_extrapolation:
-            return 0
-        gap = whole - round(self.max_extrapolation / S_PER_NS)
-        before = self._odometry.twist if self._odometry is not None else after.twist
-        v = max(abs(before.v), abs(after.twist.v))
-        # A deviation of pi says that nothing is known of the heading.
-        omega = min(max(abs(before.omega), abs(after.twist.omega)), math.pi / (gap * S_PER_NS))
-        unknown = OdometryStep(start + gap, Twist(0.0, 0.0), TwistCovariance(v * v, 0.0, omega * omega))
-        self._delayed.clear()
-        self._step(start, unknown, gap, is_gap=True)
-        return gap
+    def _cross_gap(self, start: int, after: OdometryStep, acts_for: float) -> int:
+        """Pass the time after ``start`` [ns] in which the motion before ``after`` is unknown, and return its end [ns].
 
-    def _step(self, start: int, odometry: OdometryStep, whole: int, is_gap: bool = False) -> None:
-        """Move with a twist from ``start`` [ns] to its stamp; it is the mean twist of ``whole`` [ns]."""
-        ready, self._pending = split_at(self._pending, odometry.stamp)
-        step = _Step(start, odometry, whole, self.filter.memory, ready, is_gap)
-        self._steps.append(step)
-        self._propagate(step)
+        The twist of ``after`` describes the last ``acts_for`` seconds before its stamp.
+        """
+        if (after.stamp - start) * S_PER_NS <= acts_for:
+            return start
+        end = after.stamp - round(acts_for / S_PER_NS)
+        before = self._odometry.twist if self._odometry is not None else after.twist
+        self._delayed.clear()
+        return self._step(start, unknown_motion(start, end, before, after.twist), end - start, is_gap=True)
+
+    def _step(self, start: int, odometry: OdometryStep, whole: int, *, is_gap: bool = False) -> int:
+        """Move from ``start`` [ns] to the stamp of ``odometry``, and return that stamp; arguments as in Step."""
+        step = Step(start, odometry, whole, is_gap, self.filter.memory.copy())
+        self._history.append(step)
+        self._compute(step)
         distance = abs(odometry.twist.v) * (odometry.stamp - start) * S_PER_NS
         self.contradiction = contradiction.with_motion(self.contradiction, odometry.stamp, distance)
-        self._stamp = odometry.stamp
-        self._odometry = odometry
+        self._stamp, self._odometry = odometry.stamp, odometry
+        return odometry.stamp
 
-    def _check_time(self, late: int) -> None:
+    def _check_time(self, late: int, odometry: OdometryStep) -> None:
         """Refuse an odometry that is ``late`` [ns] behind the newest; negative: ahead of it; 0: a repetition."""
-        if late > self._history:
+        if (late > self._history_length and (self.time_restarts or self._odometry is None)) or late < -_MAX_GAP:
+            by, is_first = f"by {abs(late) * S_PER_NS:.3f} s", self._odometry is None
             self.reset()
-            raise BadMessageError("time jumped back", f"by {late * S_PER_NS:.3f} s; filter reset")
-        if late < -_MAX_GAP:
-            self.reset()
-            raise BadMessageError("time jumped ahead", f"by {-late * S_PER_NS:.3f} s; filter reset")
-        if late > 0:
-            raise BadMessageError("out of order", f"{late * S_PER_NS:.3f} s behind the newest")
+            self._early.add(odometry, self._history_length)
+            if is_first:
+                # Only the fix that the filter was started from was ahead.
+                raise BadMessageError("behind the first fix", f"{by}: synchronise the clocks that stamp both (chrony)")
+            raise BadMessageError("time jumped back" if late > 0 else "time jumped ahead", f"{by}; filter reset")
+        if late > 0 or self._behind:
+            if self._behind and odometry.stamp <= self._behind[-1].stamp:
+                self._behind.clear()
+            self._behind.append(odometry)
+            span = odometry.stamp - self._behind[0].stamp
+            # Before the first step the newest stamp is that of the fix, which the odometry has not reached yet.
+            if self._odometry is not None and len(self._behind) >= _SET_BACK and span >= _MIN_SET_BACK:
+                self._set_back(self._behind)
+            elif late > 0:
+                raise BadMessageError("out of order", f"{late * S_PER_NS:.3f} s behind the newest")
 
-    def _drop_pending_before(self, stamp: int) -> None:
-        while self._pending and self._pending[0].stamp < stamp:
-            self._forget_key(self._pending.pop(0))
-            self.dropped_before_odometry += 1
+    def _begin_clock(self, stamp: int) -> None:
+        """Set the filter's time to ``stamp`` [ns] of a clock that was set.
+
+        Measurements with stamps of the old clock cannot be ordered among those of the new one, so they are dropped.
+        """
+        self._history.clear()
+        self._history.clear_gyro()
+        self._delayed.clear()
+        state.unpair(self.filter)
+        self.contradiction = self.contradiction._replace(relocations=(), since=stamp)
+        self._stamp = stamp
+
+    def _set_back(self, behind: list[OdometryStep]) -> None:
+        """Continue with the odometry messages ``behind`` the newest one as if the clock had not been set back."""
+        period = (behind[-1].stamp - behind[0].stamp) // (len(behind) - 1)
+        self._begin_clock(behind[0].stamp - period)
+        self._behind = []
+        self.clock_set_back += 1
+        for one in behind:
+            self.on_odometry(one)
 
     def on_measurement(self, measurement: Measurement) -> None:
         """Fuse one measurement, see :meth:`on_measurements`.
@@ -303,11 +303,9 @@ class Localization:
     def on_measurements(self, measurements: Iterable[Measurement]) -> list[BadMessageError]:
         """Fuse the measurements of a message, each at its own stamp, and return an error for each that is dropped.
 
-        The odometry steps after late measurements are computed again once, however many measurements are late.
-
-        A measurement is dropped if it is a duplicate (stamp, source and numbers), if it is not finite, if it is older
-        than the history, if too many with earlier stamps wait for their odometry already, or if the filter has not
-        started and cannot start from it.
+        A measurement is dropped if it is a duplicate (stamp, source and numbers), if it is not finite, if its source or
+        landmark is unknown, if it is older than the history, if too many measurements wait for their odometry already,
+        or if the filter has not started and cannot start from it.
         """
         errors: list[BadMessageError] = []
         late: dict[Measurement, int] = {}
@@ -318,170 +316,127 @@ class Localization:
             except BadMessageError as error:
                 errors.append(error)
         if late:
-            self._repeat_from(min(late.values()), late)
+            self._compute_from(min(late.values()), late)
         return errors
 
     def _insert(self, measurement: Measurement) -> int | None:
         """Fuse a measurement or store it until its odometry comes.
 
         Returns:
-            The index of the step from which the caller has to compute the history again; None if nothing changes there.
+            The index of the step from which the caller has to compute the history again; None if no step changes.
 
         Raises:
             BadMessageError: if the measurement is dropped.
         """
-        key = key_of(measurement)
-        if key in self._keys:
-            raise BadMessageError("duplicate")
-        if not math.isfinite(sum(key[2])):
+        self._history.check_new(measurement)
+        if not math.isfinite(sum(measurement.key[3])):
             raise BadMessageError("measurement not finite")
+        if measurement.source not in self._sources:
+            raise BadMessageError("unknown source", measurement.source)
+        if measurement.source == LANDMARKS and measurement.at not in self._places:
+            raise BadMessageError("landmark not on the map", f"at {tuple(measurement.at)}")
         late = None
         if not self.initialised:
-            start = measurement.restart(_ORIGIN)
-            if start is None:
-                raise BadMessageError("no fix yet")
-            self.initialise(*start, measurement.stamp)
-            self.filter.start_from(measurement)
+            self._start_from(measurement)
         elif self._stamp is None or measurement.stamp > self._stamp:
-            self._wait(measurement)
-        elif measurement.stamp == self._stamp and not self._steps:
-            self._update(measurement)
+            self._history.wait(measurement)
+        elif measurement.stamp == self._stamp and not self._history.steps:
+            self._take(measurement, is_new=True)
         else:
-            # Also one with the present stamp: it may belong before others with that stamp.
-            late = self._insert_late(measurement)
-        self._keys[key] = None
-        if len(self._keys) > _MAX_KEYS:
-            self._keys.popitem(last=False)
+            # Also if it has the present stamp: it may belong before other measurements with that stamp.
+            late = self._history.insert(measurement, self._stamp)
+        self._history.remember(measurement)
         return late
 
-    def _wait(self, measurement: Measurement) -> None:
-        if len(self._pending) >= _MAX_PENDING:
-            if measurement.stamp >= self._pending[-1].stamp:
-                raise BadMessageError("no odometry for it", f"{_MAX_PENDING} measurements wait already")
-            # Drop the one furthest ahead: a sender with a wrong clock must not block the others.
-            self._forget_key(self._pending.pop())
-        if self._pending:
-            insort(self._pending, measurement, key=key_of)
-        else:
-            self._pending.append(measurement)
-
-    def _forget_key(self, dropped: Measurement) -> None:
-        """Allow a measurement that was never fused to be sent again."""
-        self._keys.pop(key_of(dropped), None)
-
-    def _insert_late(self, measurement: Measurement) -> int:
-        """Insert a measurement into the step of the history that it was made in, and return the step's index."""
-        for index in range(len(self._steps) - 1, -1, -1):
-            step = self._steps[index]
-            # A stamp equal to the start of the history belongs to the state that the history starts from.
-            covered = step.start < measurement.stamp or (index == 0 and step.start == measurement.stamp)
-            if covered and measurement.stamp <= step.odometry.stamp:
-                insort(step.measurements, measurement, key=key_of)
-                return index
-        raise BadMessageError("too old", "its stamp is before the history")
+    def _start_from(self, measurement: Measurement) -> None:
+        """Put the filter at the first fix; an unknown heading is set to 0."""
+        if not is_fix(measurement.kind):
+            raise BadMessageError("no fix yet")
+        stamp, P_moved = self._early.start(measurement.stamp, self._history_length)
+        P = np.diag((0.0, 0.0, UNKNOWN_HEADING))
+        m = len(measurement.z)
+        P[:m, :m] = measurement.R
+        x, y, *theta = measurement.z.tolist()
+        self.initialise(Pose(x, y, theta[0] if measurement.kind == POSE_FIX else 0.0), P + P_moved, stamp)
 
     def on_gyro(self, sample: GyroSample) -> None:
-        """Take a turn rate into the odometry step that it was measured in, which may still have to come.
+        """Fuse a turn rate in the odometry step that covers its stamp, or store it until that odometry comes.
 
         Raises:
             BadMessageError: before the first odometry; without use_gyro; if it is a duplicate or not finite, if it is
-                older than the history, or if too many wait for their odometry already.
+                older than the history, or if too many samples wait for their odometry already.
         """
         if self._stamp is None or not self.initialised:
             raise BadMessageError("no odometry yet")
-        if self.filter.gyro_bias() is None:
+        if not self.config.filter.use_gyro:
             raise BadMessageError("not used", "use_gyro is false")
-        self._gyro.check(sample, self._stamp)
-        if sample.stamp > self._stamp:
-            self._gyro.add(sample)
-            return
-        for index in range(len(self._steps) - 1, -1, -1):
-            if self._steps[index].start < sample.stamp <= self._steps[index].odometry.stamp:
-                self._gyro.add(sample)
-                self._repeat_from(index)
-                return
-        raise BadMessageError("too old", "its stamp is before the history")
+        if not math.isfinite(sample.rate + sample.variance):
+            raise BadMessageError("measurement not finite")
+        index = self._history.insert_gyro(sample, self._stamp)
+        if index is not None:
+            self._compute_from(index)
 
-    def _repeat_from(self, index: int, late: Collection[Measurement] = ()) -> None:
-        """Compute the steps from ``index`` on again; only the ``late`` measurements are new to the monitor."""
-        self.filter.memory = self._steps[index].memory
-        for again in range(index, len(self._steps)):
-            step = self._steps[again]
-            step.memory = self.filter.memory
-            self._propagate(step, late, is_new=False)
+    def _compute_from(self, index: int, late: Collection[Measurement] = ()) -> None:
+        """Compute the steps from ``index`` on again; only the ``late`` measurements are new."""
+        steps = self._history.steps
+        self.filter.memory[:] = steps[index].memory
+        for again in range(index, len(steps)):
+            steps[again].memory = self.filter.memory.copy()
+            self._compute(steps[again], late, is_new=False)
 
-    def _propagate(self, step: _Step, late: Collection[Measurement] = (), *, is_new: bool = True) -> None:
-        """Compute a step; if it is not new, only the ``late`` measurements are new to the monitor."""
-        odometry, now = step.odometry, step.start
-        rate, slip = self._take_rate(step, is_new=is_new)
+    def _compute(self, step: Step, late: Collection[Measurement] = (), *, is_new: bool = True) -> None:
+        """Compute a step; if the step is not new, only its ``late`` measurements are new."""
+        now, rate, slip = step.start, step.rate(), _NO_SLIP
+        if rate is not NO_RATE:
+            slip = self._take_rate(self._motion(step, step.duration, rate, _NO_SLIP), is_new=is_new)
         for measurement in step.measurements:
             if measurement.stamp > now:
                 self._predict(step, (measurement.stamp - now) * S_PER_NS, rate, slip)
                 now = measurement.stamp
-            self._update(measurement, is_new or measurement in late)
-        if odometry.stamp > now:
-            self._predict(step, (odometry.stamp - now) * S_PER_NS, rate, slip)
+            self._take(measurement, is_new=is_new or measurement in late)
+        if step.odometry.stamp > now:
+            self._predict(step, (step.odometry.stamp - now) * S_PER_NS, rate, slip)
+        self._newest_motion = self._motion(step, step.duration, rate, slip)
 
-    def _take_rate(self, step: _Step, *, is_new: bool) -> tuple[TurnRate, TwistCovariance]:
-        """Return what the gyro measured in a step, and the covariance that its contradiction adds to the twist's.
-
-        The difference from the wheels corrects the bias of the gyro and the errors of the wheels.
-        """
-        self._rate = rate = self._gyro.mean(step.start, step.odometry.stamp)
-        if rate is NO_RATE:
-            self._share = _NO_SHARE
-            return rate, _NO_SLIP
-        duration = (step.odometry.stamp - step.start) * S_PER_NS
-        covariance, separation = self._noise(step, duration)[0], self.filter.wheel_separation
-        measured = GyroRate(step.odometry.stamp, rate, step.odometry.twist, covariance, separation)
-        difference = self.filter.take_rate(measured, duration)
+    def _take_rate(self, motion: Motion, *, is_new: bool) -> TwistCovariance:
+        """Correct with the turn rate of a step; return the covariance that a contradiction adds to the twist."""
+        difference = ekf.take_rate(self.filter, self.options, motion)
         if is_new:
-            self.slipping = 0.0 if difference is None else self.slipping + duration
-            self.slips += difference is not None
-        slip = _NO_SLIP if difference is None else slip_covariance(difference, separation)
-        self._share = gyro_share(add_twist_covariance(covariance, slip), rate)
-        return rate, slip
+            wheels, gyro = motion.twist.omega, motion.rate.value
+            self.turns = with_rates(self.turns, motion.dt, wheels, gyro, MIN_RATE)
+            if difference:
+                self.slipping += motion.dt
+            elif abs(motion.twist.v) >= MIN_SPEED or max(abs(wheels), abs(gyro)) >= MIN_RATE:
+                # A robot at rest, which often follows a contradiction, does not show whether it is over.
+                self.slipping = 0.0
+            self.slips += difference != 0.0
+        return slip_covariance(difference, self.options.separation)
 
-    def _predict(self, step: _Step, dt: float, rate: TurnRate, slip: TwistCovariance) -> None:
-        """Move by ``dt`` [s] of a step, of whose duration ``rate`` and ``slip`` are."""
-        covariance, lateral = self._noise(step, dt)
-        share = (step.odometry.stamp - step.start) * S_PER_NS / dt
-        if slip is not _NO_SLIP:
-            covariance = add_twist_covariance(covariance, scale_twist_covariance(slip, share))
-        rate = TurnRate(rate.value, rate.variance * share)
-        self.filter.predict(Motion(step.odometry.twist, dt, covariance, rate), lateral)
+    def _predict(self, step: Step, dt: float, rate: TurnRate, slip: TwistCovariance) -> None:
+        """Move by ``dt`` [s] of a step; ``rate`` and ``slip`` are means over the whole step."""
+        share = step.duration / dt
+        part = TurnRate(rate.value, rate.variance * share)
+        ekf.predict(self.filter, self.options, self._motion(step, dt, part, scale_twist_covariance(slip, share)))
 
-    def _noise(self, step: _Step, dt: float) -> tuple[TwistCovariance, float]:
-        """Return the covariance of a step's mean twist over ``dt`` [s] of it, and the variance across the robot."""
-        (_, twist, covariance), whole = step.odometry, step.whole * S_PER_NS
-        if step.is_gap:
-            # A part of the gap has its share of the variance; it is as large across the robot as along it.
-            covariance = scale_twist_covariance(covariance, whole / dt)
-            return covariance, covariance.var_v * dt * dt
-        density = density_of(twist, covariance, self.config.odometry)
-        if density is not None:
-            return over_time(density, twist.v, dt)
-        # The twist's error is constant over the interval: the variances of its parts must add up to the whole.
-        factor = self.config.odometry.odometry_covariance_scale * (whole / dt)
-        return scale_twist_covariance(covariance, factor) if factor != 1.0 else covariance, 0.0
+    def _motion(self, step: Step, dt: float, rate: TurnRate, slip: TwistCovariance) -> Motion:
+        """Return the motion over ``dt`` [s] of a step, whose twist has the additional covariance ``slip``."""
+        share = step.whole * S_PER_NS / dt
+        covariance, lateral = step_noise(step.odometry, dt, share, self.config.odometry, is_gap=step.is_gap)
+        return Motion(step.odometry.twist, dt, add_twist_covariance(covariance, slip), rate, lateral)
 
-    def _update(self, measurement: Measurement, new: bool = True) -> None:
-        outcome = self.filter.take(measurement)
-        if new:
-            stamp, source, numbers = key_of(measurement)
-            self.monitor.record(source, self.filter.nis, outcome, self.filter.innovation, stamp)
-            if outcome == RELOCATED:
+    def reading_of(self, measurement: Measurement) -> Reading:
+        """Return a measurement in the form that the functions of :mod:`ekf` need."""
+        one, source = measurement, self._sources[measurement.source]
+        place = self._places[one.at] if one.source == LANDMARKS else source
+        return Reading(one.kind, source, place, one.stamp * S_PER_NS, one.z, one.R, one.at)
+
+    def _take(self, measurement: Measurement, *, is_new: bool) -> int:
+        """Correct with a measurement, count the outcome if the measurement is new, and return the outcome."""
+        outcome, stamp = ekf.take(self.filter, self.options, self.reading_of(measurement)), measurement.stamp
+        if is_new:
+            self.outcomes.setdefault(measurement.source, Counter())[outcome] += 1
+            if outcome == ekf.RELOCATED:
                 self.contradiction = contradiction.with_relocation(self.contradiction, stamp)
-            if source.sensor == FIXES:
-                self.contradiction = contradiction.with_fix(self.contradiction, stamp, numbers)
-
-    def _trim(self) -> None:
-        steps, keys = self._steps, self._keys
-        oldest = steps[-1].odometry.stamp - self._history
-        while steps[0].odometry.stamp < oldest:
-            steps.popleft()
-        self._gyro.forget_until(steps[0].start)
-        # Keys are in order of arrival: a late one is kept a little longer than necessary. One far ahead blocks this
-        # loop, and _MAX_KEYS bounds their number.
-        while keys and next(iter(keys))[0] < oldest:
-            keys.popitem(last=False)
+            if measurement.source == FIXES:
+                self.contradiction = contradiction.with_fix(self.contradiction, stamp, measurement.key[3])
+        return outcome

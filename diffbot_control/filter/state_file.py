@@ -9,68 +9,62 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from diffbot_control.filter.belief import ErrorEstimate
 from diffbot_control.filter.covariance import check_covariance
 from diffbot_control.filter.localization import Localization
-from diffbot_control.filter.measurements import Array
+from diffbot_control.filter.models import SENSOR, WHEELS, Array
+from diffbot_control.filter.state import set_errors
 from diffbot_core.errors import BadMessageError, DiffbotError
-from diffbot_core.files import PRIVATE, write_text
-from diffbot_core.foreign_files import read_own
+from diffbot_core.files import read_text, write_text
 from diffbot_core.geometry import MAX_COORDINATE, Pose, wrap_angle
 from diffbot_core.kinematics import WheelGeometry
 
 _VERSION = 1
 _MAX_BYTES = 64 * 1024
-"""of a file; all errors and their covariances have 2 kB"""
-_MAX_RADIUS_ERROR = 1.0
-_MAX_LANDMARK_ERROR = 100.0
+"""Largest size of a file; all errors and their covariances need 2 kB."""
+_ERRORS = {"wheels": (WHEELS, 1.0), "landmarks": (SENSOR, 100.0)}
+"""Index of the first of three errors in the state, and the bound of each error, by their name in the file."""
 
 
 class BrokenStateError(DiffbotError):
-    """A file that does not hold a valid state, or is not this user's own."""
+    """A file does not hold a valid state."""
 
 
 class SavedState(NamedTuple):
-    """Pose and radius errors with their covariances."""
+    """Pose and estimated errors with their covariances."""
 
     pose: Pose
     P: Array
     """(3, 3) [m, m, rad]"""
-    wheels: ErrorEstimate | None
-    """None if the filter does not estimate them"""
     geometry: WheelGeometry
-    """to which the radius errors are relative"""
-    landmarks: ErrorEstimate | None = None
-    """the errors that measurements of landmarks have in common; None if the filter does not estimate them"""
+    """geometry to which the errors of the wheels are relative"""
+    errors: dict[str, tuple[Array, Array]]
+    """(3,) errors and their covariance (3, 3) by name (wheels, landmarks); a known error has the variance 0"""
 
 
 def save_state(path: Path, state: SavedState) -> None:
-    """Write a state through a temporary file, so that the file is complete at any time.
+    """Write a state through a temporary file, so that the file is always complete.
 
     Raises:
         OSError: if it cannot be written.
     """
     content: dict[str, Any] = {"version": _VERSION, "pose": list(state.pose), "P": state.P.tolist()}
     content["geometry"] = list(state.geometry)
-    if state.wheels is not None:
-        content |= {"wheels": state.wheels.errors.tolist(), "wheels_P": state.wheels.P.tolist()}
-    if state.landmarks is not None:
-        content |= {"landmarks": state.landmarks.errors.tolist(), "landmarks_P": state.landmarks.P.tolist()}
+    for name, (errors, P) in state.errors.items():
+        content |= {name: errors.tolist(), f"{name}_P": P.tolist()}
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_text(path, json.dumps(content), durable=True, mode=PRIVATE)
+    write_text(path, json.dumps(content), durable=True)
 
 
 def load_state(path: Path) -> SavedState | None:
     """Read a state; None if there is no file.
 
     Raises:
-        BrokenStateError: if it does not hold a valid state, or others could have written it.
+        BrokenStateError: if it does not hold a valid state.
     """
     try:
-        text = read_own(path, _MAX_BYTES)
-        if text is None:
+        if not path.exists():
             return None
-        content = json.loads(text)
+        content = json.loads(read_text(path, _MAX_BYTES))
     except DiffbotError as error:
         raise BrokenStateError(str(error)) from None
     except (ValueError, RecursionError):
@@ -78,42 +72,34 @@ def load_state(path: Path) -> SavedState | None:
     if not isinstance(content, dict) or content.get("version") != _VERSION:
         raise BrokenStateError(f"{path} is no state of version {_VERSION}")
     x, y, theta = _numbers(path, content, "pose", (3,), MAX_COORDINATE).tolist()
-    P = _covariance(path, content, "P", 3)
-    radius, separation = _numbers(path, content, "geometry", (2,), math.inf).tolist()
-    geometry = WheelGeometry(radius, separation)
-    wheels = _errors(path, content, "wheels", (2, 3), _MAX_RADIUS_ERROR)
-    landmarks = _errors(path, content, "landmarks", (3,), _MAX_LANDMARK_ERROR)
-    return SavedState(Pose(x, y, wrap_angle(theta)), P, wheels, geometry, landmarks)
-
-
-def _errors(
-    path: Path, content: dict[str, Any], key: str, sizes: tuple[int, ...], limit: float
-) -> ErrorEstimate | None:
-    """Return the errors ``key`` (m,) with m one of ``sizes`` and their covariance; None if there are none."""
-    if key not in content:
-        return None
-    found = content[key]
-    size = len(found) if isinstance(found, list) and len(found) in sizes else sizes[0]
-    errors = _numbers(path, content, key, (size,), limit)
-    return ErrorEstimate(errors, _covariance(path, content, f"{key}_P", size))
+    geometry = WheelGeometry(*_numbers(path, content, "geometry", (2,), math.inf).tolist())
+    errors = {
+        name: (_numbers(path, content, name, (3,), bound), _covariance(path, content, f"{name}_P", known=True))
+        for name, (_, bound) in _ERRORS.items()
+        if name in content
+    }
+    return SavedState(Pose(x, y, wrap_angle(theta)), _covariance(path, content, "P"), geometry, errors)
 
 
 def _numbers(path: Path, content: dict[str, Any], key: str, shape: tuple[int, ...], limit: float) -> Array:
     try:
         numbers: Array = np.array(content.get(key), dtype=float)
-    except (TypeError, ValueError, OverflowError):  # the last one of a whole number beyond the range of floats
+    except (TypeError, ValueError, OverflowError):  # OverflowError: a whole number beyond the range of floats
         raise BrokenStateError(f"{path}: {key} holds no numbers") from None
     if numbers.shape != shape or not np.isfinite(numbers).all() or np.abs(numbers).max() > limit:
         raise BrokenStateError(f"{path}: {key} must be {math.prod(shape)} finite numbers up to {limit:g}")
     return numbers
 
 
-def _covariance(path: Path, content: dict[str, Any], key: str, size: int) -> Array:
-    matrix = _numbers(path, content, key, (size, size), math.inf)
+def _covariance(path: Path, content: dict[str, Any], key: str, *, known: bool = False) -> Array:
+    """Return a covariance (3, 3); with ``known``, some variances may be 0."""
+    P = _numbers(path, content, key, (3, 3), math.inf)
+    part = np.flatnonzero(P.any(axis=0) | P.any(axis=1)) if known else np.arange(3)
     try:
-        return check_covariance(matrix)
-    except DiffbotError as error:
+        check_covariance(P[np.ix_(part, part)])
+    except BadMessageError as error:
         raise BrokenStateError(f"{path}: {key}: {error}") from None
+    return P
 
 
 class StateKeeper:
@@ -128,16 +114,16 @@ class StateKeeper:
     def restore(self, geometry: WheelGeometry) -> str:
         """Initialise the filter from the file, if there is one; return a line for the log.
 
-        The radius errors are restored only if they are relative to the same ``geometry``.
+        The errors of the wheels are restored only if they are relative to the same ``geometry``.
 
         Raises:
             BrokenStateError: if the file does not hold a valid state; it is renamed.
-            DiffbotError: if it cannot be renamed; nothing may be saved then, which would overwrite it.
+            DiffbotError: if it cannot be renamed; the caller must not save then, since that would overwrite it.
         """
         try:
             saved = load_state(self._path)
         except BrokenStateError as error:
-            # The next save would overwrite it.
+            # The next save would overwrite the broken file.
             kept = self._path.with_name(self._path.name + ".bad")
             try:
                 self._path.replace(kept)
@@ -147,13 +133,12 @@ class StateKeeper:
         if saved is None:
             return "no state to restore"
         self._localization.initialise(saved.pose, saved.P)
-        if saved.landmarks is not None:
-            self._localization.filter.set_landmark_errors(saved.landmarks)
         done = "state restored: x {:.3f} m, y {:.3f} m, heading {:.3f} rad".format(*saved.pose)
-        if saved.geometry != geometry:
-            return f"{done}; wheel errors not restored: found with another wheel radius or separation"
-        if saved.wheels is not None:
-            self._localization.filter.set_wheels(saved.wheels)
+        for name, (errors, P) in saved.errors.items():
+            if name == "wheels" and saved.geometry != geometry:
+                done += "; wheel errors not restored: found with another wheel radius or separation"
+            else:
+                set_errors(self._localization.filter, self._localization.options, _ERRORS[name][0], errors, P)
         return done
 
     def save(self, geometry: WheelGeometry) -> None:
@@ -166,11 +151,15 @@ class StateKeeper:
             estimate = self._localization.estimate()
         except BadMessageError:
             return  # no fix yet
-        if estimate.stamp == self._saved or not np.isfinite(estimate.average.P).all():
+        x, P = self._localization.filter.x, self._localization.filter.P
+        if estimate.stamp == self._saved or not (np.isfinite(x).all() and np.isfinite(P).all()):
             return
-        found = self._localization.filter
-        state = SavedState(estimate.pose, estimate.P, found.wheels(), geometry, found.landmark_errors())
-        save_state(self._path, state)
+        errors = {}
+        for name, (first, _) in _ERRORS.items():
+            part = slice(first, first + 3)
+            if any(self._localization.options.variances[first - WHEELS : first - WHEELS + 3]):
+                errors[name] = x[part], P[part, part]
+        save_state(self._path, SavedState(estimate.pose, estimate.P, geometry, errors))
         self._saved = estimate.stamp
 
     def delete(self) -> None:

@@ -1,6 +1,6 @@
-"""What becomes of a goal, with any law: accepted, driven to, answered once, held. Free of ROS; times in seconds.
+"""Goals with any law: accept a goal, drive to it, answer once, and hold it. Free of ROS; times in seconds.
 
-A :class:`Supervisor` takes goals, poses and the passing of time, and returns commands::
+A :class:`Supervisor` turns goals, poses and the passing of time into commands::
 
     from diffbot_control.goals import Supervisor, SupervisorConfig
 
@@ -8,29 +8,25 @@ A :class:`Supervisor` takes goals, poses and the passing of time, and returns co
     supervisor.on_goal(goal)
     command = supervisor.on_pose(stamp, now, pose, uncertainty)
 
-Which event leads where stands in one table, :mod:`diffbot_control.goals.states`.
+The table in :mod:`diffbot_control.goals.states` defines the effects of all events.
 """
 
-from diffbot_control.goals.configuration import SupervisorConfig
-from diffbot_control.goals.driver import LawError
-from diffbot_control.goals.goal_record import ENDS, GoalBook, GoalRecord, GoalRequest
-from diffbot_control.goals.protocol import Law, data_sheet_of, tolerance_of
-from diffbot_control.goals.states import STATUS_TEXTS, TABLE, Event, State
-from diffbot_control.goals.supervisor import Supervisor
+from diffbot_control.goals.record import ENDS, GoalBook, GoalRecord, GoalRequest, goal_id
+from diffbot_control.goals.states import STATUS_TEXTS, TABLE, GoalEvent, State
+from diffbot_control.goals.supervisor import Supervisor, SupervisorConfig
+from diffbot_control.law.law import LawError
 
 __all__ = [
     "ENDS",
     "STATUS_TEXTS",
     "TABLE",
-    "Event",
     "GoalBook",
+    "GoalEvent",
     "GoalRecord",
     "GoalRequest",
-    "Law",
     "LawError",
     "State",
     "Supervisor",
     "SupervisorConfig",
-    "data_sheet_of",
-    "tolerance_of",
+    "goal_id",
 ]

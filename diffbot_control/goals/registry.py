@@ -3,29 +3,27 @@
 from __future__ import annotations
 
 import importlib
-import inspect
-from typing import Any, cast
+from typing import Any
 
-from diffbot_control.goals.protocol import Law
-from diffbot_core.distribution import entry_points_by_name
+from diffbot_control.law.law import Law
+from diffbot_core.data_sheet import DataSheet
 from diffbot_core.errors import InvalidValueError
+from diffbot_core.installed import entry_points_by_name
 
 GROUP = "diffbot.controllers"
 """Group of the entry points: name of the law -> ``package.module:Class``."""
-_PARAMETERS = {"new_memory": 1, "step": 5}
-"""Functions of a law and how many arguments they are called with."""
 
 
 def registered_laws() -> dict[str, str]:
-    """Return the names of all registered laws and where each is, ``package.module:Class``, sorted by name."""
+    """Return name and ``package.module:Class`` of all registered laws, sorted by name."""
     return {name: one.value for name, one in entry_points_by_name(GROUP).items()}
 
 
-def resolve_law(text: str) -> Law:
+def resolve_law(text: str) -> type[Law]:
     """Return the law of a registered name or of ``package.module:Class``.
 
     Raises:
-        InvalidValueError: in one line, if there is none, it cannot be imported, or it lacks a part of the protocol.
+        InvalidValueError: in one line, if there is no such law, or it cannot be imported or used.
     """
     found = registered_laws()
     place = found.get(text, text)
@@ -37,33 +35,35 @@ def resolve_law(text: str) -> Law:
         for part in attribute.split("."):
             law = getattr(law, part)
     except (Exception, SystemExit) as error:  # a module may end the interpreter when it is imported
-        cause = " ".join(f"{type(error).__name__}: {error}".split())
-        raise InvalidValueError("law", text, f"importable ({cause})") from None
-    _check(text, law)
-    return cast(Law, law)
+        raise InvalidValueError("law", text, f"importable ({_cause(error)})") from None
+    return _checked(text, law)
 
 
-def _check(text: str, law: Any) -> None:
-    """Refuse what lacks a part of the protocol.
+def _checked(text: str, law: Any) -> type[Law]:
+    """Return a law after checking that it starts with its defaults.
 
     Raises:
-        InvalidValueError: naming the first part that is missing or unfit.
+        InvalidValueError: naming the first part that is missing or wrong.
     """
-    if not isinstance(getattr(law, "name", None), str) or not law.name:
-        raise InvalidValueError("law", text, "a law with a text 'name'")
-    config_type = getattr(law, "Config", None)
+    if not (isinstance(law, type) and issubclass(law, Law)):
+        raise InvalidValueError("law", text, "a class derived from diffbot_control.law.Law")
+    config_type = vars(law).get("Config")
     if not (isinstance(config_type, type) and hasattr(config_type, "_fields")):
         raise InvalidValueError("law", text, "a law with a NamedTuple type 'Config'")
-    for part, number in _PARAMETERS.items():
-        function = getattr(law, part, None)
-        try:
-            inspect.signature(function).bind(*range(number))  # type: ignore[arg-type]
-        except (TypeError, ValueError):
-            raise InvalidValueError("law", text, f"a law whose '{part}' takes {number} arguments") from None
+    if not isinstance(vars(law).get("name"), str) or not law.name:
+        raise InvalidValueError("law", text, "a law with a text 'name'")
     try:
-        memory = law.new_memory(config_type())
+        config = config_type()
+        memory = law.new_memory(config)
+        is_complete = isinstance(law.data_sheet(config), DataSheet) and law.tolerance(config).settling_steps > 0
     except Exception as error:
-        cause = " ".join(f"{type(error).__name__}: {error}".split())
-        raise InvalidValueError("law", text, f"a law that starts with its defaults ({cause})") from None
+        raise InvalidValueError("law", text, f"a law that starts with its defaults ({_cause(error)})") from None
+    if not is_complete:
+        raise InvalidValueError("law", text, "a law whose data_sheet(config) is a DataSheet")
     if not hasattr(memory, "reached"):
         raise InvalidValueError("law", text, "a law whose memory has a field 'reached'")
+    return law
+
+
+def _cause(error: BaseException) -> str:
+    return " ".join(f"{type(error).__name__}: {error}".split())

@@ -1,7 +1,7 @@
-"""What becomes of a goal: one table, (state, event) -> state, command, answer.
+"""States of the controller: one table, (state, event) -> state, command, answer.
 
-An event that a state's row does not name changes nothing there and sends nothing. :class:`Supervisor` finds out which
-events happen; what follows from them stands here alone.
+An event without an entry in the row of a state has no effect in that state. :class:`Supervisor` detects the events;
+the table defines their effects.
 """
 
 from __future__ import annotations
@@ -10,39 +10,33 @@ from collections.abc import Mapping
 from enum import Enum
 from typing import NamedTuple
 
-from diffbot_control.goals.goal_record import CANCELLED, NOT_REACHED, POSE_LOST, REACHED, REPLACED
+from diffbot_control.goals.record import CANCELLED, NOT_REACHED, POSE_LOST, REACHED, REPLACED
 
 
 class State(Enum):
-    """Where the controller is with its goal; the value names it in the diagram, :func:`status_text` in ~/status."""
+    """What the controller does with its goal."""
 
     IDLE = "idle"
-    WAITING = "waiting for pose"
-    """a goal was accepted, no pose has been answered since"""
+    """there is no goal, and the robot stands"""
     DRIVING = "driving"
-    STALE = "stale pose"
-    """on the way to the goal, standing until poses come again"""
-    CANCELLING = "cancelling"
-    """the goal was cancelled, the robot still brakes"""
+    """a goal was accepted and has not ended"""
     HOLDING = "holding"
-    """the goal was answered, and the robot stays there"""
-    HOLDING_STALE = "holding, stale pose"
-    DONE = "done"
-    """the goal was answered, and is not held"""
-    GIVEN_UP = "given up"
+    """the goal was reached, and the robot stays there"""
+    STOPPING = "stopping"
+    """the robot brakes without a goal; a cancelled goal ends when the robot rests"""
 
 
-class Event(Enum):
-    """What can happen; the value says it in the diagram."""
+class GoalEvent(Enum):
+    """Events; the value is the name in the documentation."""
 
     GOAL = "goal accepted"
     CANCEL = "cancelled"
     POSE = "pose"
     REACHED = "goal reached"
-    RELEASE = "not to be held"
+    RELEASE = "reached and not to be held"
     HOPELESS = "hopeless"
-    """time over, no progress, hunting or too uncertain"""
-    FAULT = "fault of law or node"
+    """the timeout has passed, the robot makes no progress, or the law gives up"""
+    FAULT = "error of law or node"
     OVERDUE = "pose overdue"
     """no pose within pose_timeout"""
     LOST = "pose lost"
@@ -52,104 +46,75 @@ class Event(Enum):
     STOP = "node stops"
 
 
-class Command(Enum):
-    """What is sent."""
+class Reaction(Enum):
+    """Commands of a transition."""
 
     NOTHING = ""
     LAW = "step of the law"
     BRAKE = "brake within the limits"
     ZERO = "zero at once"
+    REST = "zero, a few times"
 
 
 class Transition(NamedTuple):
-    """What an event leads to."""
+    """Effect of an event."""
 
     state: State
-    command: Command = Command.NOTHING
+    command: Reaction = Reaction.NOTHING
     answer: str = ""
-    """how the present goal ends, one of goal_record.ENDS; empty: it does not"""
+    """end of the present goal, one of record.ENDS; empty if it does not end"""
+    text: str = ""
+    """new text of ~/status while there is no goal; empty for no change"""
 
 
-def _without_goal(state: State) -> dict[Event, Transition]:
-    return {
-        Event.GOAL: Transition(State.WAITING),
-        Event.POSE: Transition(state, Command.BRAKE),
-        Event.OVERDUE: Transition(state, Command.ZERO),
-        Event.FAULT: Transition(State.GIVEN_UP, Command.ZERO),
-        Event.STOP: Transition(State.IDLE, Command.ZERO),
-    }
-
-
-_ON_THE_WAY = {
-    Event.GOAL: Transition(State.WAITING, answer=REPLACED),
-    Event.CANCEL: Transition(State.CANCELLING, Command.BRAKE),
-    Event.POSE: Transition(State.DRIVING, Command.LAW),
-    Event.OVERDUE: Transition(State.STALE, Command.ZERO),
-    Event.HOPELESS: Transition(State.GIVEN_UP, answer=NOT_REACHED),
-    Event.LOST: Transition(State.GIVEN_UP, answer=POSE_LOST),
-    Event.FAULT: Transition(State.GIVEN_UP, Command.BRAKE, NOT_REACHED),
-    Event.STOP: Transition(State.IDLE, Command.ZERO, CANCELLED),
-}
-_HELD = {
-    Event.GOAL: Transition(State.WAITING),
-    Event.CANCEL: Transition(State.IDLE, Command.BRAKE),
-    Event.POSE: Transition(State.HOLDING, Command.LAW),
-    Event.OVERDUE: Transition(State.HOLDING_STALE, Command.ZERO),
-    Event.LOST: Transition(State.IDLE),
-    Event.ELSEWHERE: Transition(State.IDLE, Command.BRAKE),
-    Event.FAULT: Transition(State.GIVEN_UP, Command.BRAKE),
-    Event.STOP: Transition(State.IDLE, Command.ZERO),
-}
-
-TABLE: Mapping[State, Mapping[Event, Transition]] = {
-    State.IDLE: _without_goal(State.IDLE),
-    State.DONE: _without_goal(State.DONE),
-    State.GIVEN_UP: _without_goal(State.GIVEN_UP),
-    State.WAITING: _ON_THE_WAY,
-    State.DRIVING: {**_ON_THE_WAY, Event.REACHED: Transition(State.HOLDING, answer=REACHED)},
-    State.STALE: _ON_THE_WAY,
-    State.CANCELLING: {
-        Event.GOAL: Transition(State.WAITING, answer=CANCELLED),
-        Event.POSE: Transition(State.CANCELLING, Command.BRAKE),
-        Event.AT_REST: Transition(State.IDLE, answer=CANCELLED),
-        Event.OVERDUE: Transition(State.IDLE, Command.ZERO, CANCELLED),
-        Event.LOST: Transition(State.IDLE, Command.ZERO, CANCELLED),
-        Event.HOPELESS: Transition(State.IDLE, Command.ZERO, CANCELLED),
-        Event.FAULT: Transition(State.GIVEN_UP, Command.BRAKE, CANCELLED),
-        Event.STOP: Transition(State.IDLE, Command.ZERO, CANCELLED),
-    },
-    State.HOLDING: {**_HELD, Event.RELEASE: Transition(State.DONE)},
-    State.HOLDING_STALE: _HELD,
-}
-
-IDLE, WAITING, DRIVING, STALE, CANCELLING = (
-    state.value for state in (State.IDLE, State.WAITING, State.DRIVING, State.STALE, State.CANCELLING)
-)
+IDLE, WAITING, DRIVING, STALE, CANCELLING = "idle", "waiting for pose", "driving", "stale pose", "cancelling"
 AT_GOAL, NOT_AT_GOAL = "goal reached", "goal not reached"
 UNCERTAIN = "tolerance below uncertainty"
 STATUS_TEXTS = (IDLE, WAITING, DRIVING, UNCERTAIN, STALE, CANCELLING, AT_GOAL, NOT_AT_GOAL)
 """All messages of ~/status."""
-_TEXTS = {State.HOLDING_STALE: STALE, State.DONE: AT_GOAL, State.GIVEN_UP: NOT_AT_GOAL}
 
+TABLE: Mapping[State, Mapping[GoalEvent, Transition]] = {
+    State.IDLE: {
+        GoalEvent.GOAL: Transition(State.DRIVING),
+        GoalEvent.POSE: Transition(State.IDLE, Reaction.REST),
+        GoalEvent.OVERDUE: Transition(State.IDLE, Reaction.REST),
+        GoalEvent.FAULT: Transition(State.IDLE, Reaction.ZERO, text=NOT_AT_GOAL),
+        GoalEvent.STOP: Transition(State.IDLE, Reaction.ZERO, text=IDLE),
+    },
+    State.DRIVING: {
+        GoalEvent.GOAL: Transition(State.DRIVING, answer=REPLACED),
+        GoalEvent.CANCEL: Transition(State.STOPPING, Reaction.BRAKE, text=IDLE),
+        GoalEvent.POSE: Transition(State.DRIVING, Reaction.LAW),
+        GoalEvent.REACHED: Transition(State.HOLDING, answer=REACHED),
+        GoalEvent.RELEASE: Transition(State.STOPPING, answer=REACHED, text=AT_GOAL),
+        GoalEvent.OVERDUE: Transition(State.DRIVING, Reaction.ZERO),
+        GoalEvent.HOPELESS: Transition(State.STOPPING, answer=NOT_REACHED, text=NOT_AT_GOAL),
+        GoalEvent.LOST: Transition(State.IDLE, Reaction.ZERO, POSE_LOST, NOT_AT_GOAL),
+        GoalEvent.FAULT: Transition(State.STOPPING, Reaction.BRAKE, NOT_REACHED, NOT_AT_GOAL),
+        GoalEvent.STOP: Transition(State.IDLE, Reaction.ZERO, CANCELLED, IDLE),
+    },
+    State.HOLDING: {
+        GoalEvent.GOAL: Transition(State.DRIVING),
+        GoalEvent.CANCEL: Transition(State.STOPPING, Reaction.BRAKE, text=IDLE),
+        GoalEvent.POSE: Transition(State.HOLDING, Reaction.LAW),
+        GoalEvent.OVERDUE: Transition(State.HOLDING, Reaction.ZERO),
+        GoalEvent.LOST: Transition(State.IDLE, Reaction.ZERO, text=IDLE),
+        GoalEvent.ELSEWHERE: Transition(State.STOPPING, Reaction.BRAKE, text=IDLE),
+        GoalEvent.FAULT: Transition(State.STOPPING, Reaction.BRAKE, text=NOT_AT_GOAL),
+        GoalEvent.STOP: Transition(State.IDLE, Reaction.ZERO, text=IDLE),
+    },
+    State.STOPPING: {
+        GoalEvent.GOAL: Transition(State.DRIVING, answer=CANCELLED),
+        GoalEvent.POSE: Transition(State.STOPPING, Reaction.BRAKE),
+        GoalEvent.AT_REST: Transition(State.IDLE, answer=CANCELLED),
+        GoalEvent.OVERDUE: Transition(State.IDLE, Reaction.ZERO, CANCELLED),
+        GoalEvent.LOST: Transition(State.IDLE, Reaction.ZERO, CANCELLED),
+        GoalEvent.HOPELESS: Transition(State.IDLE, Reaction.ZERO, CANCELLED),
+        GoalEvent.FAULT: Transition(State.STOPPING, Reaction.BRAKE, CANCELLED, NOT_AT_GOAL),
+        GoalEvent.STOP: Transition(State.IDLE, Reaction.ZERO, CANCELLED, IDLE),
+    },
+}
+"""The answers in STOPPING are for a cancelled goal, and have no effect if there is none."""
 
-def status_text(state: State, is_uncertain: bool, is_away: bool) -> str:
-    """Return the message of ~/status.
-
-    Args:
-        state: of the table.
-        is_uncertain: the robot rests, with an estimate too uncertain for an answer.
-        is_away: the robot is on its way, to the goal or back to it.
-    """
-    if state is State.DRIVING:
-        return UNCERTAIN if is_uncertain else DRIVING
-    if state is State.HOLDING:
-        return DRIVING if is_away else AT_GOAL
-    return _TEXTS[state] if state in _TEXTS else str(state.value)
-
-
-OPEN = frozenset({State.WAITING, State.DRIVING, State.STALE, State.CANCELLING})
-"""States in which a goal waits for its answer."""
-WITH_GOAL = frozenset({State.WAITING, State.DRIVING, State.STALE, State.HOLDING, State.HOLDING_STALE})
+WITH_GOAL = frozenset({State.DRIVING, State.HOLDING})
 """States in which the robot has a goal to drive to or to hold."""
-ACTIVE = OPEN | WITH_GOAL
-"""States that are neither idle nor the end of a goal."""

@@ -1,110 +1,149 @@
 """The controller without ROS: goals, poses and the passing of time -> commands and answers. Times in seconds.
 
-What an event leads to stands in :mod:`diffbot_control.goals.states`; here is found out which events happen.
+:mod:`diffbot_control.goals.states` defines the transitions; this module detects the events.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
-from diffbot_control.goals.configuration import SupervisorConfig
-from diffbot_control.goals.driver import STOP, LawError, driver_of, scaled_uncertainty
-from diffbot_control.goals.goal_record import ANONYMOUS, GoalBook, GoalRequest, distance_along
-from diffbot_control.goals.progress import Patience, Progress, Way
-from diffbot_control.goals.protocol import Law, data_sheet_of, tolerance_of
-from diffbot_control.goals.states import ACTIVE, TABLE, WITH_GOAL, Command, Event, State, status_text
-from diffbot_control.goals.step_clock import StepClock
-from diffbot_control.law.configuration import Report
-from diffbot_control.law.controller import SwitchingLaw
-from diffbot_control.law.goal_checker import GoalTolerance, is_at_rest, smallest_tolerance
+from diffbot_control.goals import states
+from diffbot_control.goals.path import distance_along, goals_passed
+from diffbot_control.goals.record import ANONYMOUS, SUSPENSION, GoalBook, GoalRequest
+from diffbot_control.goals.states import TABLE, WITH_GOAL, GoalEvent, Reaction, State
+from diffbot_control.goals.timing import MAX_STEP, Patience, PoseClock, Way
+from diffbot_control.law import CONTACT_UNKNOWN, OMEGA_L, Law, Observation, Report, SwitchingConfig, SwitchingLaw
+from diffbot_control.law.goal_checker import is_at_rest, is_knowable, smallest_tolerance
+from diffbot_control.law.law import STOP, LawError, braking_step, errors_of, guarded_step
 from diffbot_control.law.limits import is_beyond
-from diffbot_core.data_sheet import UNLIMITED, DataSheet
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import Twist
-from diffbot_core.stamps import StampWatch
+from diffbot_core.schema import DISTANCE, TIME, TIMEOUT, Spec, known_fields
 from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty
-from diffbot_core.units import S_PER_NS
 
-_MAX_STEP = 1.0
-"""[s] a longer gap between poses counts as this long for the acceleration limits."""
 _NEAR_TOLERANCES = 3.0
-"""Tolerances from the last goal within which the robot need not come closer."""
+"""Distance from the last goal, in tolerances, within which the robot need not come closer."""
 _STOP_REPEATS = 5
-"""Zero commands sent after a stop, so that one lost message does not leave the robot driving."""
+"""Number of zero commands after a stop, so that the robot stops even if one message is lost."""
+_MAX_UPDATE_ANGLE = 0.5
+"""[rad] a goal_update is refused if its heading differs from that of the present goal by more than this"""
 
 
-class _StepInput(NamedTuple):
-    """What the newest step started from, so that it can be repeated with a corrected pose."""
+@known_fields
+class SupervisorConfig(NamedTuple):
+    """Parameters of the law, and of what the controller does around it."""
 
-    memory: Any
-    """of the law"""
-    dt: float
-    """[s]"""
-    command: Twist
-    """the one before"""
-    progress: Progress
+    controller: SwitchingConfig = SwitchingConfig()
+    """parameters of the law"""
+    uncertainty_scale: Annotated[
+        float, Spec("factor of the estimate's standard deviations, for an overconfident filter", "-", 0.0, 100.0)
+    ] = 1.0
+    pose_timeout: Annotated[float, Spec("the robot is stopped after this time without a pose", "s", *TIMEOUT)] = 0.5
+    pose_lost_timeout: Annotated[
+        float, Spec("the robot gives a goal up after this time without a pose; 0: never", "s", *TIME)
+    ] = 30.0
+    waypoint_radius: Annotated[
+        float,
+        Spec("distance at which a waypoint of a path is passed; 0: each is reached first", "m", *DISTANCE),
+    ] = 0.4
+    hold_goal: Annotated[bool, Spec("keep controlling at a reached goal; otherwise go idle")] = True
+    hold_distance: Annotated[
+        float,
+        Spec(
+            "a robot found farther from a held goal, and than twice xy_goal_tolerance, goes idle instead of back",
+            "m",
+            *DISTANCE,
+        ),
+    ] = 0.5
+    goal_timeout: Annotated[
+        float,
+        Spec(
+            "the robot gives a goal up that is not reached after this time; -1: derived from distance and limits;"
+            " 0: never",
+            "s",
+            -1.0,
+            TIME[1],
+        ),
+    ] = -1.0
+    goal_update_distance: Annotated[
+        float, Spec("a goal_update farther than this from the present goal is dropped", "m", *DISTANCE)
+    ] = 0.5
+    publish_when_idle: Annotated[
+        bool, Spec("answer every pose, with zero when there is no goal (lock-step needs it)")
+    ] = False
 
 
 class Supervisor:
-    """Turns goals, poses and the passing of time into commands; each method returns the command to send, or None."""
+    """Turns goals, poses and the passing of time into commands.
 
-    def __init__(self, config: SupervisorConfig, law: Law = SwitchingLaw) -> None:
-        """Start idle; ``config.controller`` is a configuration of ``law``, which may raise LawError if it is unfit."""
-        self.config = config
-        self._driver = driver_of(law)
-        self.memory: Any = self._driver.new_memory(config.controller)
-        """of the law"""
+    Each method named ``on_...`` is an event from outside. A returned command has to be sent; None sends nothing.
+    """
+
+    def __init__(self, config: SupervisorConfig, law: type[Law] = SwitchingLaw) -> None:
+        """Start idle; ``config.controller`` is a configuration of ``law``.
+
+        Raises:
+            LawError: if the law raises an error.
+        """
+        self.config, self.law = config, law
         self.state = State.IDLE
         self.goals = GoalBook()
-        """which goals were accepted, and how each ended"""
+        """the goals that were accepted, and how each of them ended"""
+        self.clock = PoseClock()
         self.goals_ahead: list[Pose] = []
-        """the present goal, and those of its path that follow"""
-        self.waypoint = 0
-        """number of the present goal in its path, from 1; 0 for a single goal"""
-        self.waypoints = 0
-        """goals of the path"""
+        """the present goal, and the later goals of its path"""
+        self.waypoint = self.waypoints = 0
+        """number of the present goal in its path, from 1, and number of goals of the path; both 0 for a single goal"""
         self.updates = 0
-        """corrections of the present goal so far"""
+        """number of corrections of the present goal"""
+        self.contact = CONTACT_UNKNOWN
+        """contact with the dock: CONTACT_UNKNOWN, NO_CONTACT or CONTACT"""
+        self.problem = ""
+        """what hinders the robot at present, set by the caller; the reason of a goal that is given up contains it"""
         self.report: Report | None = None
         self.reason = ""
-        """why the last goal was not reached; empty if it was, or is still driven to"""
+        """why the last goal was not reached; empty if it was reached, or has not ended"""
         self.has_failed = False
-        """the last goal was given up because of an error: the law's or the node's own"""
+        """the last goal ended because of an error of the law or of the node"""
         self.goals_reached = 0
-        """goals reached so far; each is counted once, even if lost and reached again"""
+        """number of goals reached; a held goal counts once, even if the robot leaves it and returns"""
         self.accepted = 0
-        """goals and paths accepted so far"""
+        """number of goals and paths accepted"""
         self.pose: Pose | None = None
         self.uncertainty = CERTAIN
-        """of the newest pose"""
-        self._is_uncertain = False
-        """the robot rests, with an estimate too uncertain for an answer"""
+        """uncertainty of the newest pose, times uncertainty_scale"""
+        self.is_stale = False
+        """the robot was stopped, because no pose arrived within pose_timeout"""
+        self._waits = self._is_uncertain = False
+        """no pose was answered since the goal was accepted; at rest, and the estimate is too uncertain for an answer"""
+        self._text = states.IDLE
+        """the status while there is no goal"""
+        self._failure = ""
+        """error of the law outside of a step, which ends the goal at the next event"""
         self._patience = Patience()
-        self._stamps = StampWatch()
-        self._answer: Twist | None = None
-        """to the newest pose"""
         self._command = STOP
-        """the last one"""
-        self._acted_at = 0.0
-        """[s] of the newest step or stop"""
-        self._sent_at = math.nan
-        """[s] steady time of the newest step"""
-        self._step_input: _StepInput | None = None
-        self._step_clock = StepClock()
-        self._last_pose_time: float | None = None
-        """[s] of the newest pose whose stamp advanced"""
-        self._silent_since = 0.0
-        """[s] of that pose, or of a goal after it"""
+        self._since_command = self._since_step = 0.0
+        """[s] time since the last command, and since the last step of the law"""
         self._zeros_due = 0
-
-    # What is known
+        with errors_of(law):
+            self.memory: Any = law.new_memory(config.controller)
+            """memory of the law"""
+            self.data_sheet, self.tolerance = law.data_sheet(config.controller), law.tolerance(config.controller)
 
     @property
     def status(self) -> str:
         """The message of ~/status, one of ``states.STATUS_TEXTS``."""
-        return status_text(self.state, self._is_uncertain, not self.memory.reached or self._corrects())
+        if self.state not in WITH_GOAL:
+            return states.CANCELLING if self.goals.present is not None else self._text
+        if self.is_stale:
+            return states.STALE
+        if self.state is State.HOLDING:
+            return states.DRIVING if not self.memory.reached or self._returns() else states.AT_GOAL
+        if self._waits:
+            return states.WAITING
+        return states.UNCERTAIN if self._is_uncertain else states.DRIVING
 
     @property
     def goal(self) -> Pose | None:
@@ -113,318 +152,298 @@ class Supervisor:
 
     @property
     def timeout(self) -> float:
-        """Time [s] within which the present goal, if derived the whole path, has to be reached."""
+        """Time [s] within which the robot has to reach the present goal, or the whole path if the time is derived."""
         return self._patience.timeout
 
+    @property
+    def elapsed(self) -> float:
+        """Time [s] since the newest goal was accepted."""
+        return self._patience.age
+
     def distance_remaining(self) -> float:
-        """Return the length [m] of the straight lines to the goal, or through what is left of the path; 0 if idle."""
+        """Return the length [m] of the straight lines through all goals that remain; 0 without a goal."""
         return 0.0 if self.pose is None else distance_along(self.pose, self.goals_ahead)
 
     @property
     def is_beyond_limits(self) -> bool:
-        """True if the last command exceeds a bound: it was lowered while driving, and the robot still brakes."""
-        sheet = getattr(self.config.controller, "data_sheet", None)
-        return isinstance(sheet, DataSheet) and is_beyond(self._command, sheet)
+        """True if the last command exceeds a bound that was lowered while driving: the robot still brakes."""
+        return is_beyond(self._command, self.data_sheet)
 
     def smallest_tolerance(self) -> tuple[float, float]:
-        """Position [m] and heading [rad] tolerance that the present uncertainty allows this project's law at best."""
-        controller = self.config.controller
-        return smallest_tolerance(controller.tolerance, scaled_uncertainty(self.uncertainty, controller))
+        """Return the smallest tolerances of position [m] and heading [rad] that the present uncertainty allows."""
+        return smallest_tolerance(self.tolerance, self.uncertainty)
 
-    def _data_sheet(self) -> DataSheet:
-        """Return the limits of the law's configuration; those of a law without any are the defaults."""
-        return data_sheet_of(self.config.controller) or DataSheet()
+    def description(self) -> dict[str, str]:
+        """Return key-value pairs of the law's memory; if the law raises, the present goal ends at the next event."""
+        try:
+            with errors_of(self.law):
+                described = self.law.describe(self.memory, self.config.controller)
+                return {str(name): str(value) for name, value in described.items()}
+        except LawError as error:
+            self._failure = str(error)
+            return {}
 
-    def _tolerance(self) -> GoalTolerance:
-        return tolerance_of(self.config.controller)
-
-    def _corrects(self) -> bool:
-        """True if the robot has left a reached goal and drives back."""
-        tolerance = self._tolerance()
-        sheet = getattr(self.config.controller, "data_sheet", UNLIMITED)
-        is_outside = self.report is not None and self.report.rho > tolerance.xy_goal_tolerance
-        return is_outside and not is_at_rest(self._command, tolerance, sheet)
-
-    # What happens
+    def _returns(self) -> bool:
+        """Return True if the robot has left a reached goal and drives back."""
+        is_outside = self.report is not None and self.report.rho > self.tolerance.xy_goal_tolerance
+        return is_outside and not is_at_rest(self._command, self.data_sheet)
 
     def on_goal(self, goal: Pose, request: GoalRequest = ANONYMOUS) -> None:
-        """Drive to ``goal`` (frame of the poses) from the next pose on; the newest goal or path wins."""
+        """Drive to ``goal`` (in the frame of the poses) from the next pose on; it replaces an earlier goal or path."""
         self._accept([goal], request, 0, 0)
 
     def on_path(self, goals: list[Pose], request: GoalRequest = ANONYMOUS) -> None:
-        """Drive to ``goals``, at least one, one after the other; the last one is held."""
+        """Drive to at least one goal, to one after the other; the robot holds the last goal."""
         self._accept(goals, request, 1, len(goals))
 
     def on_goal_update(self, goal: Pose) -> None:
-        """Correct the goal, of a path the last one, without a new beginning: region, course and finish go on.
+        """Correct the last goal of the path, or the only goal, while the law keeps its memory.
 
-        A goal that is held after its answer stays where it is.
+        A goal that was answered is not corrected.
 
         Raises:
-            BadMessageError: if ``goal`` (frame of the poses) is farther from the present one than the bounds.
+            BadMessageError: if ``goal`` (in the frame of the poses) is too far from the present goal.
         """
         if self.goals.present is None or not self.goals_ahead:
             return
-        last, bounds = self.goals_ahead[-1], self.config.updates
+        last, bound = self.goals_ahead[-1], self.config.goal_update_distance
         distance = math.hypot(goal.x - last.x, goal.y - last.y)
-        if distance > bounds.goal_update_distance:
-            bound = f"goal_update_distance = {bounds.goal_update_distance:g} m"
-            raise BadMessageError("far from the goal", f"{distance:.3g} m, {bound}")
+        if distance > bound:
+            raise BadMessageError("far from the goal", f"{distance:.3g} m, goal_update_distance = {bound:g} m")
         turn = abs(wrap_angle(goal.theta - last.theta))
-        if turn > bounds.goal_update_angle:
-            bound = f"goal_update_angle = {bounds.goal_update_angle:g} rad"
-            raise BadMessageError("turned against the goal", f"{turn:.3g} rad, {bound}")
+        if turn > _MAX_UPDATE_ANGLE:
+            raise BadMessageError("turned against the goal", f"{turn:.3g} rad, at most {_MAX_UPDATE_ANGLE:g} rad")
         self.goals_ahead[-1] = goal
         self.updates += 1
 
-    def on_contact(self, touches: bool) -> None:
-        """Tell a law that docks whether the robot touches its dock."""
-        if hasattr(self.memory, "contact"):
-            self.memory = self.memory._replace(contact=touches)
-
     def on_cancel(self) -> Twist | None:
-        """Drop the goal, if there is one, and start to come to rest at once, with or without a pose."""
+        """Drop the goal, if there is one, and start to brake at once, without waiting for a pose."""
         if self.state not in WITH_GOAL:
             return None
         self.waypoint = self.waypoints = 0
         self.goals.cancel()
-        command = self._follow(Event.CANCEL)
-        # Lock-step wants one answer to each pose, and none besides.
+        command = self._follow(GoalEvent.CANCEL)
+        # In lock-step each pose has exactly one answer.
         return None if self.config.publish_when_idle else command
 
     def on_pose(
-        self,
-        stamp: int,
-        now: float,
-        pose: Pose,
-        uncertainty: Uncertainty = CERTAIN,
-        steady: float = math.nan,
+        self, stamp: int, now: float, pose: Pose, uncertainty: Uncertainty = CERTAIN, steady: float = math.nan
     ) -> Twist | None:
-        """Answer a pose. Only one whose stamp advances is a sign of life; a repeated one may correct the last step.
+        """Answer a pose whose stamp advances; only such a pose is a sign of life.
 
         Args:
-            stamp: [ns] time the pose belongs to.
+            stamp: [ns] time to which the pose belongs.
             now: [s] time of arrival, on the clock of :meth:`on_tick`.
             pose: in the frame of the goals.
             uncertainty: of the pose; by default the pose is assumed exact.
-            steady: [s] the same on the steady clock; nan in simulated time, whose stamps are as good as their clock.
+            steady: [s] the same on the steady clock; nan without one.
         """
-        before, advances, dt = self._stamps.newest, self._stamps.advances(stamp), 0.0
-        if advances:
-            dt = 0.0 if before is None else min((stamp - before) * S_PER_NS, _MAX_STEP)
-            self._last_pose_time = self._silent_since = now
-        # A pose that is no step takes its time, too: it is answered by a command.
-        dt = self._step_clock.limited(dt, steady)
-        self.goals.now = now
-        if self.state not in WITH_GOAL:
-            self.pose = pose
-            return self._follow(Event.POSE, dt=dt)
-        reason = self._reason_to_let_go(pose)
-        if reason:
-            self.pose = pose
-            return self._follow(Event.ELSEWHERE, reason, dt)
-        if not advances and (self.state in (State.STALE, State.HOLDING_STALE) or self._is_overdue(now)):
-            # The sender repeats itself, and the robot may be anywhere by now.
-            return self._follow(Event.OVERDUE)
-        if stamp != self._stamps.newest and self._answer is not None:
-            # Out of order: a newer pose is answered already.
-            return self._answer
-        is_repeated = stamp == before and self._answer is not None
-        if is_repeated and pose == self.pose:
-            # Sent again, as in lock-step after a stall: it is not a new step, and the answer is the same.
-            return self._answer
-        self.pose, self.uncertainty = pose, uncertainty
-        if is_repeated and self._step_input is not None:
-            self._answer = self._repeat_step(self._step_input, steady - self._sent_at)
+        self._pass_time(now, steady)
+        dt = self.clock.on_pose(stamp)
+        if not self.clock.advances or self._is_overdue():
+            command = self._stop_if_overdue()
         else:
-            self._answer = self._follow(Event.POSE, dt=dt)
-        self._sent_at = steady
-        return self._answer
+            scale = self.config.uncertainty_scale
+            self.pose, self.uncertainty = pose, Uncertainty(scale * uncertainty.xy, scale * uncertainty.theta)
+            self._waits = self.is_stale = False
+            elsewhere = self._reason_to_let_go(pose)
+            command = self._follow(GoalEvent.ELSEWHERE if elsewhere else GoalEvent.POSE, elsewhere, dt)
+        is_due = self.clock.advances and self.config.publish_when_idle
+        return STOP if command is None and is_due else command
 
-    def on_tick(
-        self, now: float, silence: float = math.inf, is_stale: bool = False, elapsed: float = 0.0
-    ) -> Twist | None:
-        """Watch for missing poses: zero if the robot may be moving and ``is_stale``, or no pose for ``pose_timeout``.
+    def on_tick(self, now: float, steady: float = math.nan, is_unfit: bool = False) -> Twist | None:
+        """Count the time; return zero if the robot may be moving and no pose arrived within ``pose_timeout``.
 
         Args:
             now: [s] on the clock of :meth:`on_pose`.
-            silence: [s] since the last pose by a clock that neither jumps nor runs fast; a goal is given up only if it
-                is too long as well.
-            is_stale: the robot must not move, whatever ``now`` says.
-            elapsed: [s] since the present goal was accepted, by that clock.
+            steady: [s] time on the steady clock; nan without one.
+            is_unfit: the robot must not move, because the clock of the poses is unreliable.
         """
-        self.goals.now = now
-        # Time that runs backwards (a restarted simulation) must not disable the timeouts.
-        self._silent_since = min(self._silent_since, now)
+        self._pass_time(now, steady)
         lost = self.config.pose_lost_timeout
-        if 0.0 < lost <= min(now - self._silent_since, silence):
-            self._follow(Event.LOST, f"no pose for pose_lost_timeout = {lost:g} s")
-        if elapsed >= self._patience.whole_timeout(self.waypoints):
-            self._follow(Event.HOPELESS, self._patience.timeout_reason())
-        if self._last_pose_time is None or not (self._zeros_due or self.state in ACTIVE):
-            return None
-        self._last_pose_time = min(self._last_pose_time, now)
-        return self._follow(Event.OVERDUE) if is_stale or self._is_overdue(now) else None
-
-    def count_time_from(self, now: float) -> None:
-        """Count goal and poses so far as of ``now`` [s]: they came before the clock was known, at time 0."""
-        self.goals.count_time_from(now)
-        self.goals.now = self._silent_since = self._acted_at = now
-        if self._last_pose_time is not None:
-            self._last_pose_time = now
+        command = None
+        if 0.0 < lost <= self.clock.silence:
+            command = self._follow(GoalEvent.LOST, f"no pose for pose_lost_timeout = {lost:g} s")
+        return command or self._stop_if_overdue(is_unfit)
 
     def on_stop(self) -> None:
-        """End the present goal as cancelled: the node stops, which sends zero."""
-        self._follow(Event.STOP)
+        """End the present goal as cancelled, because the node stops; the node itself sends zero."""
+        self._follow(GoalEvent.STOP)
         self.reason, self.has_failed = "", False
 
     def give_up(self, reason: str) -> None:
         """End the present goal as not reached."""
-        self._follow(Event.HOPELESS, reason)
+        self._follow(GoalEvent.HOPELESS, reason)
 
     def on_fault(self, reason: str, dt: float = 0.0) -> Twist | None:
-        """End the present goal, if there is one, because of an error, ``dt`` [s] after the last command."""
+        """End the present goal because of an error, and brake for ``dt`` [s] from the last command on."""
         self.has_failed = True
-        return self._follow(Event.FAULT, reason, dt)
+        return self._follow(GoalEvent.FAULT, reason, dt)
 
-    def _is_overdue(self, now: float) -> bool:
-        return self._last_pose_time is not None and now - self._last_pose_time > self.config.pose_timeout
+    def _pass_time(self, now: float, steady: float) -> None:
+        passed = self.clock.pass_time(now, steady)
+        self._since_command = min(self._since_command + passed, MAX_STEP)
+        self._since_step = min(self._since_step + passed, MAX_STEP)
+        if self.goals.present is not None:
+            self._patience.pass_time(passed)
+            if self.clock.suspension > SUSPENSION:
+                self.give_up(f"the controller was suspended for {self.clock.suspension:.1f} s")
+            elif reason := self._patience.reason_of_time():
+                self.give_up(reason)
+        if self._failure and self.state in WITH_GOAL:
+            self.on_fault(self._failure)
+        self._failure = ""
+
+    def _is_overdue(self) -> bool:
+        # In lock-step the plant waits for the answer, however long it takes in real time.
+        waits = self.clock.is_simulated and self.config.publish_when_idle
+        return self.clock.is_overdue(self.config.pose_timeout, not waits)
+
+    def _stop_if_overdue(self, is_unfit: bool = False) -> Twist | None:
+        is_needed = self._zeros_due > 0 or self.state is not State.IDLE
+        if is_needed and self.clock.has_pose and (is_unfit or self._is_overdue()):
+            return self._follow(GoalEvent.OVERDUE)
+        return None
 
     def _reason_to_let_go(self, pose: Pose) -> str:
-        """Return why a goal is held no longer; empty if it is not held, or the robot is near it."""
-        if self.state not in (State.HOLDING, State.HOLDING_STALE) or self.goal is None:
+        """Return why the robot stops to hold its goal; empty if it goes on, or holds no goal."""
+        if self.state is not State.HOLDING or self.goal is None:
             return ""
-        bound = max(self.config.hold_distance, 2.0 * self._tolerance().xy_goal_tolerance)
+        bound = max(self.config.hold_distance, 2.0 * self.tolerance.xy_goal_tolerance)
         found = math.hypot(pose.x - self.goal.x, pose.y - self.goal.y)
         return f"found {found:.2f} m from the held goal: hold_distance = {bound:g} m" if found > bound else ""
 
-    # What follows
-
-    def _follow(self, event: Event, reason: str = "", dt: float = 0.0) -> Twist | None:
-        """Go where the table says, answer the goal and return the command, if there is one."""
+    def _follow(self, event: GoalEvent, reason: str = "", dt: float = 0.0) -> Twist | None:
+        """Change to the state of the table, answer the goal, and return the command of the transition."""
         transition = TABLE[self.state].get(event)
         if transition is None:
             return None
         had_goal, self.state = self.state in WITH_GOAL, transition.state
+        if event in (GoalEvent.LOST, GoalEvent.HOPELESS):
+            reason = "; ".join(filter(None, (reason, self.problem)))
+        self.is_stale = self.is_stale or event is GoalEvent.OVERDUE
         if transition.answer:
-            self.goals.close(transition.answer, reason)
+            self.goals.close(transition.answer, reason, self._patience.age)
+        self._text = transition.text or self._text
         if self.state not in WITH_GOAL:
             self.reason = reason or self.reason
-            if had_goal or event is Event.FAULT:
-                self._drop_goal()
+            if had_goal:
+                self.goals_ahead, self.report, self._zeros_due = [], None, _STOP_REPEATS
         return self._command_for(transition.command, dt)
 
-    def _command_for(self, command: Command, dt: float) -> Twist | None:
-        if command is Command.LAW and self.goal is not None:
-            return self._take_step(self.goal, dt)
-        if command is Command.BRAKE:
+    def _command_for(self, command: Reaction, dt: float) -> Twist | None:
+        if command is Reaction.LAW:
+            if self.state is State.DRIVING and self.pose is not None:
+                self._pass_goals(goals_passed(self.pose, self.goals_ahead, self.config.waypoint_radius))
+            # Without a goal the law has just failed at the next goal of the path.
+            return self._brake(dt) if self.goal is None else self._take_step(self.goal, dt)
+        if command is Reaction.BRAKE:
             return self._brake(dt)
-        return self._stop_at_once() if command is Command.ZERO else None
-
-    def _drop_goal(self) -> None:
-        self.goals_ahead = []
-        self.report = None
-        self._zeros_due = _STOP_REPEATS
+        if command is Reaction.REST:
+            return self._rest()
+        return self._stop_at_once() if command is Reaction.ZERO else None
 
     def _accept(self, goals: list[Pose], request: GoalRequest, waypoint: int, waypoints: int) -> None:
-        if request.time < math.inf:
-            self.goals.now = request.time
-        self._follow(Event.GOAL, f"by a newer goal ({request.source})" if request.source else "")
+        is_replanned = self.goals.present is not None and self.goals_ahead[-1:] == goals[-1:]
+        self._follow(GoalEvent.GOAL, f"by a newer goal ({request.source})" if request.source else "")
         self.goals.accept(request)
         self.accepted += 1
-        self._silent_since = request.time
-        self._answer = None
+        self.clock.on_goal()
         self.goals_ahead = list(goals)
         self.waypoint, self.waypoints, self.updates = waypoint, waypoints, 0
+        self._waits, self.is_stale, self.reason, self.has_failed = True, False, "", False
+        self._since_step = 0.0
         distance = distance_along(self.pose or goals[0], goals)
         option, is_known = self.config.goal_timeout, self.pose is not None
-        self._patience.accept(option, distance, len(goals), self._data_sheet(), is_known)
-        self.reason, self.has_failed = "", False
+        self._patience.accept(option, distance, len(goals), self.data_sheet, is_known, is_replanned)
         self._begin_goal()
 
     def _begin_goal(self) -> None:
-        """Begin with the first of the goals ahead."""
-        self._step_input = self.report = None
-        self._is_uncertain = False
-        touches = getattr(self.memory, "contact", False)
+        """Prepare the law for the first of the goals ahead."""
+        self.report, self._is_uncertain = None, False
         try:
-            self.memory = self._driver.memory_for_new_goal(self.memory, self.config.controller)
-            self.on_contact(touches)  # a switch may report changes only
+            with errors_of(self.law):
+                self.memory = self.law.memory_for_new_goal(self.memory, self.config.controller)
         except LawError as error:
             self.on_fault(str(error))
 
-    def _take_step(self, goal: Pose, dt: float) -> Twist | None:
-        self._step_input = _StepInput(self.memory, dt, self._command, self._patience.progress)
-        self._acted_at = self.goals.now
-        estimate, config = Estimate(self.pose or goal, self.uncertainty), self.config.controller
-        try:
-            self.memory, command, self.report = self._driver.step(self.memory, estimate, goal, dt, config)
-        except LawError as error:
-            return self.on_fault(str(error), dt)
-        self.memory, command = self._driver.limited(self.memory, command, self._command, dt, config)
-        self._command = command
-        self._is_uncertain = self._driver.is_too_uncertain(self.memory, command, self.uncertainty, config)
-        if self.state is State.DRIVING:
-            self._judge_step(self.report, dt)
-        return command
-
-    def _repeat_step(self, start: _StepInput, passed: float) -> Twist | None:
-        """Take the newest step again, with a pose corrected by a fix that came after the odometry.
-
-        Its command replaces one that was sent ``passed`` [s] ago, and keeps the limits since then, too; in simulated
-        time (nan) none has passed for the base either.
-        """
-        sent = self._command
-        self.memory, dt, self._command, self._patience.progress = start
-        command = self._follow(Event.POSE, dt=dt)
-        if command is None or math.isnan(passed):
-            return command
-        self.memory, self._command = self._driver.within_limits(
-            self.memory, command, sent, max(passed, 0.0), self.config.controller
-        )
-        return self._command
-
-    def _judge_step(self, report: Report, dt: float) -> None:
-        """Find out whether the goal is reached, passed or hopeless."""
-        reached, is_last = self.memory.reached, len(self.goals_ahead) == 1
-        self.goals_reached += bool(reached)
-        if reached and is_last:
-            self._follow(Event.REACHED)
-            if not self.config.hold_goal:
-                self._follow(Event.RELEASE)
-        elif not is_last and (reached or report.rho < self.config.waypoint_radius):
-            self.waypoint += 1
-            self.goals_ahead = self.goals_ahead[1:]
+    def _pass_goals(self, number: int) -> None:
+        """Skip ``number`` goals of the path and turn to the goal after them."""
+        if number:
+            self.waypoint += number
+            self.goals_ahead = self.goals_ahead[number:]
             self._patience.next_goal()
             self._begin_goal()
-        else:
-            reason = self._reason_to_give_up(dt)
-            if reason:
-                self._follow(Event.HOPELESS, reason)
 
-    def _reason_to_give_up(self, dt: float) -> str:
-        stamp, distance, goals = self._stamps.newest, self.distance_remaining(), len(self.goals_ahead)
-        is_near = goals == 1 and distance <= _NEAR_TOLERANCES * self._tolerance().xy_goal_tolerance
-        way = Way(distance, goals, is_near, self._is_uncertain, self.smallest_tolerance)
-        reason = self._patience.reason_to_give_up(stamp or 0, dt, way, self.config.goal_timeout, self._data_sheet())
-        return reason or self._driver.reason_to_give_up(self.memory, self.config)
+    def _take_step(self, goal: Pose, dt: float) -> Twist | None:
+        law, config = self.law, self.config.controller
+        estimate = Estimate(self.pose or goal, self.uncertainty)
+        observation = Observation(estimate, dt, self.clock.period, self.contact)
+        try:
+            step = guarded_step(law, self.memory, observation, goal, self._command, config)
+        except LawError as error:
+            return self.on_fault(str(error), dt)
+        self.memory, self.report = step.memory, step.report
+        self.data_sheet, self.tolerance = step.data_sheet, step.tolerance
+        self._command, self._since_command = step.command, 0.0
+        if self.state is State.DRIVING:
+            self._judge_step(step.report, step.hopeless)
+        self._since_step = 0.0
+        return step.command
+
+    def _judge_step(self, report: Report, hopeless: str) -> None:
+        """Detect that the goal is reached or hopeless."""
+        reached, is_last = bool(self.memory.reached), len(self.goals_ahead) == 1
+        self.goals_reached += reached
+        if reached and is_last:
+            self._follow(GoalEvent.REACHED if self.config.hold_goal else GoalEvent.RELEASE)
+        elif reached:
+            self._pass_goals(1)
+        elif reason := self._reason_to_give_up(report) or hopeless:
+            self._follow(GoalEvent.HOPELESS, reason)
+
+    def _reason_to_give_up(self, report: Report) -> str:
+        distance, goals, tolerance = self.distance_remaining(), len(self.goals_ahead), self.tolerance
+        is_near = goals == 1 and distance <= _NEAR_TOLERANCES * tolerance.xy_goal_tolerance
+        is_at_rest_there = (is_near or report.region == OMEGA_L) and is_at_rest(self._command, self.data_sheet)
+        self._is_uncertain = is_at_rest_there and not is_knowable(tolerance, self.uncertainty)
+        way = Way(distance, goals, is_near, is_at_rest_there)
+        reason = self._patience.reason_to_give_up(self._since_step, way, self.config.goal_timeout, self.data_sheet)
+        if reason and self._is_uncertain:
+            xy, theta = self.smallest_tolerance()
+            return f"the estimate is too uncertain: smallest possible tolerance {xy:.3g} m and {theta:.3g} rad"
+        return reason
 
     def _brake(self, dt: float) -> Twist | None:
-        self.memory, self._command = self._driver.slow_down(self.memory, self._command, dt, self.config.controller)
-        self._acted_at = self.goals.now
-        if self._command != STOP:
-            return self._command
-        self._follow(Event.AT_REST)
+        """Brake within the limits; stop at once if the law raises an error."""
+        try:
+            self.memory, command = braking_step(self.law, self.memory, self._command, dt, self.config.controller)
+        except LawError as error:
+            self.has_failed, self.reason, command = True, self.reason or str(error), STOP
+        self._command, self._since_command = command, 0.0
+        if command != STOP:
+            return command
+        self._follow(GoalEvent.AT_REST)
+        return self._rest()
+
+    def _rest(self) -> Twist | None:
+        """Repeat the zero command until it was sent _STOP_REPEATS times."""
         if self._zeros_due > 0:
             self._zeros_due -= 1
             return STOP
-        return STOP if self.config.publish_when_idle else None
+        return None
 
     def _stop_at_once(self) -> Twist:
-        passed = min(max(self.goals.now - self._acted_at, 0.0), _MAX_STEP)
-        self.memory = self._driver.halted(self.memory, passed, self.config.controller)
-        self._command, self._acted_at = STOP, self.goals.now
-        self._step_clock.halt()
+        try:
+            with errors_of(self.law):
+                passed = self._since_command
+                self.memory = self.law.after_command(self.memory, STOP, passed, self.config.controller)
+        except LawError as error:
+            self.has_failed, self.reason = True, str(error)
+            if self.state in WITH_GOAL:
+                self._follow(GoalEvent.FAULT, str(error))
+        self._command, self._since_command = STOP, 0.0
+        self.clock.halt()
         if self.state not in WITH_GOAL:
             self._zeros_due = max(self._zeros_due - 1, 0)
         return STOP

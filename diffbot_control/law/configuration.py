@@ -1,123 +1,72 @@
-"""Configuration, memory and report of the controller."""
+"""Parameters of the laws ``switching`` and ``paper``."""
 
 from __future__ import annotations
 
 from typing import Annotated, NamedTuple
 
-from diffbot_control.law.finish import Finish, FinishConfig, no_finish
-from diffbot_control.law.goal_checker import GoalTolerance, Settling
-from diffbot_control.law.latency import Actuation, resting_actuation
-from diffbot_control.law.lyapunov_law import Gains
-from diffbot_control.law.paper.reapproach import RESTING, Reapproach, ReapproachConfig
-from diffbot_control.law.regions import OMEGA_G, RegionPolicy, Switching
-from diffbot_control.law.speed_profile import ProfileGains
-from diffbot_control.law.steering import UNDECIDED, Course
-from diffbot_core.data_sheet import DataSheet
-from diffbot_core.kinematics import Twist
-from diffbot_core.schema import Spec, known_fields
+from diffbot_control.law.goal_checker import GoalTolerance
+from diffbot_core.data_sheet import PAPER_DATA_SHEET, DataSheet
+from diffbot_core.errors import InvalidValueError
+from diffbot_core.schema import DISTANCE, GAIN, SPEED, Spec, known_fields
 
-TANH, BRAKING = 0, 1
-PROFILE_NAMES = ("tanh", "braking")
-"""Words of the parameter ``speed_profile``; compiled code compares their indices."""
-GIVEN, AUTO = 0, 1
-GAIN_SOURCES = ("preset", "auto")
-"""Words of the parameter ``gains``."""
+_ALLOW_BACKWARD = Spec("reverse towards a goal behind the robot; otherwise turn on the spot until it is in front")
 
 
 @known_fields
-class Driving(NamedTuple):
-    """How the robot may move."""
+class SwitchingConfig(NamedTuple):
+    """Parameters of the law ``switching``."""
 
-    allow_backward: Annotated[
-        bool, Spec("reverse towards a goal behind the robot; otherwise turn on the spot until it is in front")
-    ] = True
-    symmetric_yaw_tolerance: Annotated[
-        bool, Spec("the opposite heading at the goal is as good (speed_profile braking)")
-    ] = False
-
-
-@known_fields
-class ControllerConfig(NamedTuple):
-    """All that shapes the command. The defaults are the preset ``tuned``, as in the node; presets.py has the others."""
-
-    profile: Annotated[
-        int,
-        Spec(
-            "law: the paper's with gamma tanh(rho), or with profiles that brake within the limits and know the latency",
-            choices=PROFILE_NAMES,
-            parameter="speed_profile",
-        ),
-    ] = BRAKING
-    gain_source: Annotated[
-        int,
-        Spec(
-            "gains of speed_profile braking: the parameters, or derived from period, latency and limits",
-            choices=GAIN_SOURCES,
-            parameter="gains",
-        ),
-    ] = GIVEN
-    gains: Gains = Gains()
-    """of the paper's law"""
-    profile_gains: ProfileGains = ProfileGains()
-    """of the law with braking profiles"""
-    region_policy: RegionPolicy = RegionPolicy()
     data_sheet: DataSheet = DataSheet()
     tolerance: GoalTolerance = GoalTolerance()
-    uncertainty_scale: Annotated[
-        float, Spec("factor of the estimate's standard deviations, for an overconfident filter", "-", 0.0, 100.0)
-    ] = 1.0
-    reapproach: ReapproachConfig = ReapproachConfig()
-    """of the paper's law with the covariance policy"""
-    finish: FinishConfig = FinishConfig()
-    """of the law with braking profiles"""
-    driving: Driving = Driving()
+    allow_backward: Annotated[bool, _ALLOW_BACKWARD] = True
+    symmetric_yaw_tolerance: Annotated[bool, Spec("the opposite heading at the goal is as good")] = False
+    sigma_known: Annotated[
+        float,
+        Spec(
+            "a position less certain than this, or than 0.3 of xy_goal_tolerance if that is more, is approached more "
+            "slowly: the reaction time of the speed grows with the square",
+            "m",
+            1e-4,
+            10.0,
+        ),
+    ] = 0.03
 
 
-class ControllerMemory(NamedTuple):
-    """What one step passes to the next; the default is the state at rest with a new goal."""
+@known_fields
+class PaperGains(NamedTuple):
+    """Gains of the laws (13) and (17); the defaults are those of section 4.1 of the paper.
 
-    switching: Switching = Switching()
-    command: Twist = Twist(0.0, 0.0)
-    """the last one"""
-    settling: Settling = Settling()
-    reapproach: Reapproach = Reapproach()
-    finish: Finish = Finish()
-    course: Course = Course()
-    actuation: Actuation = Actuation()
-    reached: bool = False
-    """the goal counts as reached"""
-
-
-class Report(NamedTuple):
-    """The variables of a step and its decisions, for ~/navigation and the records.
-
-    With a latency they are those of the pose in which the robot will come to rest, as the law sees it.
+    k = 2 lambda, h = (lambda / gamma)^2 puts a double pole at -lambda near the goal, see docs/explanation/law.md.
     """
 
-    rho: float
-    """[m]"""
-    alpha: float
-    """[rad]"""
-    beta: float
-    """[rad]"""
-    theta: float
-    """[rad] heading in the goal's frame"""
-    eps_P: float
-    """[m] radius at which the region would change from here"""
-    region: int
-    lyapunov: float
-    """V of Eq. (8) in Omega_G, of Eq. (15) in Omega_L"""
+    gamma: Annotated[float, Spec("gamma, bound of |v|", "m/s", *SPEED)] = 1.3
+    k: Annotated[float, Spec("weight of alpha in Omega_G", "1/s", *GAIN)] = 1.0
+    h: Annotated[float, Spec("weight of beta in Omega_G", "-", *GAIN)] = 0.17
+    k_2: Annotated[float, Spec("heading gain in Omega_L", "1/s", *GAIN)] = 2.7
 
 
-def new_memory() -> ControllerMemory:
-    """Return the memory at rest with a new goal, every field given: compiled code does not know the defaults."""
-    return ControllerMemory(
-        switching=Switching(region=OMEGA_G, switches=0, steps_outside=0),
-        command=Twist(0.0, 0.0),
-        settling=Settling(steps_within=0, reached=False),
-        reapproach=Reapproach(phase=RESTING, tries=0, quiet_steps=0, time=0.0, retreat_distance=0.0),
-        finish=no_finish(),
-        course=Course(leading=UNDECIDED, turned=False),
-        actuation=resting_actuation(),
-        reached=False,
-    )
+@known_fields
+class PaperConfig(NamedTuple):
+    """Parameters of the law ``paper``.
+
+    The radius meets the condition eps_P > |eps_rho| + |eps_v| / gamma (paper, section 3.2) with the raw noise of the
+    paper: sqrt(0.3^2 + 0.3^2) + 0.065 / 1.3 = 0.474 m. A lateral error of about 0.2 m remains, hence the tolerance.
+    """
+
+    data_sheet: DataSheet = PAPER_DATA_SHEET
+    tolerance: GoalTolerance = GoalTolerance(xy_goal_tolerance=0.4)
+    allow_backward: Annotated[bool, _ALLOW_BACKWARD] = True
+    gains: PaperGains = PaperGains()
+    eps_P: Annotated[
+        float, Spec("Omega_L is entered below this distance; 0: never, law (13) everywhere", "m", *DISTANCE)
+    ] = 0.5
+    eps_P_leave: Annotated[float, Spec("Omega_L is left above this distance", "m", *DISTANCE)] = 0.6
+
+    def check(self) -> None:
+        """Refuse a leaving radius below the entering radius, with which the region would alternate.
+
+        Raises:
+            InvalidValueError: naming both radii.
+        """
+        if self.eps_P_leave < self.eps_P:
+            raise InvalidValueError("eps_P_leave", self.eps_P_leave, f">= eps_P = {self.eps_P:g}")

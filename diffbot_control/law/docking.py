@@ -1,18 +1,19 @@
 """Docking: to a staging pose on the dock's axis by the switching law, then along the axis until contact.
 
-Poses and goals are in the dock's frame, see :mod:`docking_axis`. The goal at its origin is contact; one on the axis
-before it undocks. On the way the predicted errors at contact decide whether the robot goes on, or drives out along the
-axis and tries again.
+Poses and goals are in the dock's frame, see :mod:`docking_axis`. A goal at the origin means contact, and a goal on the
+axis before it means to undock. During the approach the predicted errors at contact decide whether the robot goes on, or
+drives out along the axis and tries again.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from diffbot_control.law.braking_step import braking_step
-from diffbot_control.law.configuration import ControllerMemory, Report, new_memory
 from diffbot_control.law.docking_axis import (
+    APPROACH_LENGTH,
+    CORRIDOR,
+    STRAIGHT_LENGTH,
     Arrival,
     DockingConfig,
     along_axis,
@@ -25,131 +26,144 @@ from diffbot_control.law.docking_axis import (
     leading,
     pose_on_axis,
 )
-from diffbot_control.law.latency import Actuation, coast, is_immediate
+from diffbot_control.law.goal_checker import GoalTolerance
+from diffbot_control.law.latency import Actuation, after_a_period, coast, is_immediate, resting_actuation
+from diffbot_control.law.law import CONTACT, CONTACT_UNKNOWN, Law, Observation, Report
 from diffbot_control.law.limits import limit_change, limit_velocity
-from diffbot_control.law.polar_coordinates import navigation_variables
 from diffbot_control.law.regions import OMEGA_L
-from diffbot_control.law.speed_profile import braking
+from diffbot_control.law.steering import Gains, braking, gains_of, navigation_variables
+from diffbot_control.law.switching import SwitchingMemory, new_memory, with_motion
+from diffbot_control.law.switching import step as switching_step
+from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose, into_frame
 from diffbot_core.kinematics import Twist
-from diffbot_core.uncertainty import Estimate, Uncertainty
+from diffbot_core.uncertainty import Uncertainty
 
 STAGING, APPROACHING, RETREATING, DOCKED, FAILED, UNDOCKING, UNDOCKED = 0, 1, 2, 3, 4, 5, 6
 PHASE_NAMES = ("staging", "approaching", "retreating", "docked", "failed", "undocking", "undocked")
 
 _ENTRY = 0.4
-"""share of the tolerances that the predicted error may have where the approach begins"""
+"""largest predicted error at which the approach begins, as a share of the tolerances"""
 _REST = 1.0
 """[s] at the staging pose without an approach, after which the robot drives out along the axis to align"""
 _STALL_TIME, _STALL_WAY, _STALL_STEP = 0.7, 0.01, 0.1
-"""[s], [m] the robot counts as standing against the dock if it has come no farther in this time; [s] of it for one pose
-at most"""
+"""The robot stands against the dock if it came no closer than _STALL_WAY [m] in _STALL_TIME [s]; one pose counts for at
+most _STALL_STEP [s]."""
 _MARGIN, _ALIGNING = 0.05, 0.5
-"""[m] how far behind the staging pose a retreat ends: after an approach that was broken off, and from a rest beside the
-axis"""
+"""[m] distance behind the staging pose at which a retreat ends: after an approach that was broken off inside the
+corridor, and after a rest or an approach beside the axis"""
+_COMMIT_TIMEOUT = 4.0
+"""[s] time that the robot waits at commit_distance for certainty, or at the dock for its switch, before a retreat"""
 _LEAVE = 1.5
-"""the corridor is left at this multiple of its bound: a noisy pose at its edge begins one approach, not many"""
+"""multiple of the corridor's bound at which the robot leaves it, so that a noisy pose starts one approach, not many"""
 _OUT_LENGTHS = 4.0
-"""on the way out a lateral error decays more gently than towards the dock, in this multiple of lambda"""
+"""length in which a lateral error decays on the way out, as a multiple of lambda"""
 _NEAR = 0.2
-"""[m] the approach may begin so far before the staging pose"""
+"""[m] largest distance behind the staging pose at which an approach may begin"""
 _WAITING = 0.01
-"""[m] the robot counts as waiting so far before commit_distance, which it approaches ever more slowly"""
+"""[m] distance before commit_distance from which on the robot counts as waiting"""
 _BRAKE_SHARE = 0.5
-"""share of the acceleration limit that the speed along the axis is planned with"""
+"""share of the acceleration limit that the speed along the axis uses"""
 _ON_AXIS, _ALONG_AXIS, _UNDOCKED = 0.01, 0.02, 0.02
-"""[m] across, [rad], [m] along: what counts as on the axis, and as its end"""
+"""[m] across, [rad], [m] along: tolerances of a goal on the axis, and of the end of a drive along it"""
 
 
-class DockingMemory(NamedTuple):
-    """What one step passes to the next."""
+class Stage(NamedTuple):
+    """State of the docking."""
 
     phase: int
     tries: int
-    """approaches broken off"""
+    """number of approaches that were broken off"""
     committed: bool
-    """the robot goes on whether the dock is seen or not"""
-    contact: bool
-    """a switch or the charger reports that the robot touches the dock"""
+    """the robot goes on even if it does not detect the dock"""
     wait: float
-    """[s] at rest at the staging pose, or until certain; without progress near contact"""
+    """[s] time at rest at the staging pose, waiting for certainty, or without progress near contact"""
     nearest: float
-    """[m] least distance so far near contact"""
+    """[m] smallest distance so far near contact"""
     out: float
     """[m] distance from the dock at which a retreat ends"""
+
+
+class DockingMemory(NamedTuple):
+    """State of the law between two steps."""
+
+    stage: Stage
     command: Twist
     actuation: Actuation
-    drive: ControllerMemory
-    """of the law that drives to the staging pose"""
+    drive: SwitchingMemory
+    """memory of the law that drives to the staging pose"""
     reached: bool
-    """docked"""
+    """the robot is docked, or undocked"""
+
+
+class StageInput(NamedTuple):
+    """Input of the next stage; poses are those of the leading end, in the dock's frame."""
+
+    now: Pose
+    rest: Pose
+    """pose in which the robot would come to rest"""
+    uncertainty: Uncertainty
+    contact: int
+    dt: float
+    stands: bool
+    """the robot rests at the staging pose"""
+    out: float
+    """[m] distance of the goal before the dock"""
+    gains: Gains
+
+
+def _begin(phase: int, tries: int, out: float = 0.0) -> Stage:
+    return Stage(phase, tries, False, 0.0, math.inf, out)
 
 
 def new_docking_memory(config: DockingConfig) -> DockingMemory:
     """Return the memory at rest before the first pose."""
-    drive = new_memory()
-    return DockingMemory(
-        phase=STAGING,
-        tries=0,
-        committed=False,
-        contact=False,
-        wait=0.0,
-        nearest=math.inf,
-        out=0.0,
-        command=drive.command,
-        actuation=drive.actuation,
-        drive=drive,
-        reached=False,
-    )
+    return DockingMemory(_begin(STAGING, 0), Twist(0.0, 0.0), resting_actuation(), new_memory(), False)
 
 
 def docking_step(
-    memory: DockingMemory, estimate: Estimate, goal: Pose, dt: float, config: DockingConfig
+    memory: DockingMemory, observation: Observation, goal: Pose, config: DockingConfig
 ) -> tuple[DockingMemory, Twist, Report]:
-    """Drive towards contact, or out along the axis, for one period; as ``controller.step`` but for the frame.
+    """Drive towards contact, or out along the axis, for one period; see :meth:`Law.step`.
 
-    ``estimate`` and ``goal`` are in the dock's frame; a goal neither at its origin nor on the axis before it fails.
-    At the goal, or after the last try, the command is zero.
+    Pose and goal are in the dock's frame; a goal neither at its origin nor on the axis before it fails. At the goal, or
+    after the last try, the command is zero.
     """
-    sheet = config.drive.data_sheet
+    sheet, estimate, dt = config.drive.data_sheet, observation.estimate, observation.dt
     if not math.isfinite(estimate.pose.x + estimate.pose.y + estimate.pose.theta):
-        stopped = _with_motion(memory, Twist(0.0, 0.0), memory.actuation)
-        return stopped, stopped.command, Report(math.nan, math.nan, math.nan, math.nan, 0.0, OMEGA_L, math.nan)
+        stop = Twist(0.0, 0.0)
+        stopped = DockingMemory(memory.stage, stop, memory.actuation, memory.drive, memory.reached)
+        return stopped, stop, Report(math.nan, math.nan, math.nan, math.nan, 0.0, OMEGA_L, math.nan)
     actuation, rest = memory.actuation, estimate.pose
     if not is_immediate(sheet):
         coasted = coast(estimate.pose, memory.actuation, memory.command, dt, sheet)
         actuation, rest = coasted.actuation, coasted.pose
-    pose, out = leading(rest, config), -leading(goal, config).x
-    if memory.phase == STAGING and not _is_contact(goal):
-        memory = _in_phase(memory, UNDOCKING if _is_undocked(goal, out) else FAILED, memory.tries)
-    memory = _next_phase(memory, leading(estimate.pose, config), pose, estimate.uncertainty, out, dt, config)
-    if memory.phase == STAGING:
-        return _staging_step(memory, estimate, dt, config)
-    requested = limit_velocity(_requested(memory, pose, out, config), sheet)
+    pose, out, gains = leading(rest, config), -leading(goal, config).x, gains_of(sheet, observation.period)
+    stands = memory.drive.switching.region == OMEGA_L and memory.command.v == 0.0 and memory.command.omega == 0.0
+    given = StageInput(
+        leading(estimate.pose, config), pose, estimate.uncertainty, observation.contact, dt, stands, out, gains
+    )
+    stage = memory.stage
+    if stage.phase == STAGING and not _is_contact(goal):
+        stage = _begin(UNDOCKING if _is_undocked(goal, out) else FAILED, stage.tries)
+    stage = _next_stage(stage, given, config)
+    drive = memory.drive if stage.phase == memory.stage.phase else new_memory()
+    if stage.phase == STAGING:
+        # After a new goal, or after a command that was limited, only this memory has the present motion.
+        begun = with_motion(drive, memory.command, memory.actuation)
+        staging = pose_on_axis(config.staging_distance, config.dock_backward)
+        drive, command, report = switching_step(begun, observation, staging, config.drive)
+        return DockingMemory(stage, command, drive.actuation, drive, False), command, report
+    requested = limit_velocity(_requested(stage, pose, out, gains, config), sheet)
     if config.dock_backward:
         requested = Twist(-requested.v, requested.omega)
     command = limit_change(requested, memory.command, dt, sheet)
     if not math.isfinite(rest.x + rest.y + rest.theta + command.v + command.omega):
         command = Twist(0.0, 0.0)
     rho, alpha, beta = navigation_variables(into_frame(rest, goal))
-    lyapunov = axis_lyapunov(pose, config.approach_length)
-    report = Report(rho, alpha, beta, rest.theta, config.corridor, OMEGA_L, lyapunov)
-    return _with_motion(memory, command, actuation), command, report
-
-
-def reason_to_give_up(memory: DockingMemory, config: DockingConfig) -> str:
-    """Return why the goal will not be reached; empty if it may."""
-    if memory.phase != FAILED:
-        return ""
-    if memory.tries == 0:
-        return "not at the dock nor on the axis before it"
-    causes = "beside the axis, too uncertain at commit_distance, or a contact before the dock"
-    return f"{memory.tries} approaches broken off: {causes}"
-
-
-def describe(memory: DockingMemory) -> dict[str, str]:
-    """Return what ~/status shows of the memory."""
-    return {"phase": PHASE_NAMES[memory.phase], "approaches broken off": str(memory.tries)}
+    report = Report(rho, alpha, beta, rest.theta, CORRIDOR, OMEGA_L, axis_lyapunov(pose, APPROACH_LENGTH))
+    reached = stage.phase == DOCKED or stage.phase == UNDOCKED  # noqa: PLR1714 - compiled code compares numbers faster
+    return DockingMemory(stage, command, actuation, drive, reached), command, report
 
 
 def _is_contact(goal: Pose) -> bool:
@@ -160,199 +174,160 @@ def _is_undocked(goal: Pose, out: float) -> bool:
     return out > _UNDOCKED and abs(goal.y) <= _ON_AXIS and abs(goal.theta) <= _ALONG_AXIS
 
 
-def _next_phase(
-    memory: DockingMemory,
-    now: Pose,
-    rest: Pose,
-    uncertainty: Uncertainty,
-    out: float,
-    dt: float,
-    config: DockingConfig,
-) -> DockingMemory:
-    """Decide from the pose that the robot has now, and from the one in which it would come to rest."""
-    phase, distance = memory.phase, -rest.x
+def _next_stage(stage: Stage, given: StageInput, config: DockingConfig) -> Stage:
+    """Return the next stage from the present pose, and from the pose in which the robot would come to rest."""
+    phase, distance = stage.phase, -given.rest.x
     if phase == STAGING:
-        return _next_staging(memory, rest, dt, config)
+        return _next_staging(stage, given, config)
     if phase == APPROACHING:
-        return _next_approach(memory, now, rest, uncertainty, dt, config)
-    if phase == RETREATING and distance >= memory.out - _UNDOCKED:
-        return _in_phase(memory, FAILED if memory.tries >= config.dock_tries else STAGING, memory.tries)
-    if phase == UNDOCKING and distance >= out - _UNDOCKED:
-        return _in_phase(memory, UNDOCKED, memory.tries)
-    return memory
+        return _next_approach(stage, given, config)
+    if phase == RETREATING and distance >= stage.out - _UNDOCKED:
+        return _begin(FAILED if stage.tries >= config.dock_tries else STAGING, stage.tries)
+    if phase == UNDOCKING and distance >= given.out - _UNDOCKED:
+        return _begin(UNDOCKED, stage.tries)
+    return stage
 
 
-def _next_staging(memory: DockingMemory, rest: Pose, dt: float, config: DockingConfig) -> DockingMemory:
-    if memory.contact and abs(rest.x) <= config.straight_length and fits(Arrival(rest.y, rest.theta), 1.0, config):
-        return _in_phase(memory, DOCKED, memory.tries)  # already docked
-    near = config.straight_length < -rest.x <= config.staging_distance + _NEAR
-    if near and is_inside(rest, 1.0, config) and fits(arrival(rest, config), _ENTRY, config):
-        return _in_phase(memory, APPROACHING, memory.tries)
-    standing = memory.drive.switching.region == OMEGA_L and memory.command.v == 0.0 and memory.command.omega == 0.0
-    wait = memory.wait + dt if standing else 0.0
+def _next_staging(stage: Stage, given: StageInput, config: DockingConfig) -> Stage:
+    rest = given.rest
+    at_contact = abs(rest.x) <= STRAIGHT_LENGTH and fits(Arrival(rest.y, rest.theta), 1.0, config)
+    if given.contact == CONTACT and at_contact:
+        return _begin(DOCKED, stage.tries)  # already docked
+    near = STRAIGHT_LENGTH < -rest.x <= config.staging_distance + _NEAR
+    if near and is_inside(rest, 1.0) and fits(arrival(rest, config), _ENTRY, config):
+        return _begin(APPROACHING, stage.tries)
+    wait = stage.wait + given.dt if given.stands else 0.0
     if wait > _REST:
-        # From there it comes back to the staging pose in motion, through the corridor.
-        return _in_phase(memory, RETREATING, memory.tries, config.staging_distance + _ALIGNING)
-    return _waiting(memory, False, wait, math.inf)
+        # From there it returns to the staging pose in motion, through the corridor.
+        return _begin(RETREATING, stage.tries, config.staging_distance + _ALIGNING)
+    return Stage(STAGING, stage.tries, False, wait, math.inf, 0.0)
 
 
-def _next_approach(
-    memory: DockingMemory, now: Pose, rest: Pose, uncertainty: Uncertainty, dt: float, config: DockingConfig
-) -> DockingMemory:
-    if -now.x <= config.straight_length and (memory.committed or config.commit_distance <= config.straight_length):
-        return _touching(memory, -now.x, dt, config)
+def _next_approach(stage: Stage, given: StageInput, config: DockingConfig) -> Stage:
+    now, rest = given.now, given.rest
+    if -now.x <= STRAIGHT_LENGTH and (stage.committed or config.commit_distance <= STRAIGHT_LENGTH):
+        return _touching(stage, given, config)
     at, distance = arrival(rest, config), -rest.x
-    inside = is_inside(rest, _LEAVE, config)
-    # Whatever the robot touches there, it is not the dock, or the pose is wrong.
-    goes_beside = memory.contact or not (inside and fits(at, 1.0, config))
-    if (goes_beside and distance > config.straight_length) or memory.wait > config.commit_timeout:
-        out = config.staging_distance + (_MARGIN if inside else _ALIGNING)
-        return _in_phase(memory, RETREATING, memory.tries + 1, out)
+    inside = is_inside(rest, _LEAVE)
+    # A contact so far from the dock is a contact with something else, or the pose is wrong.
+    goes_beside = given.contact == CONTACT or not (inside and fits(at, 1.0, config))
+    if (goes_beside and distance > STRAIGHT_LENGTH) or stage.wait > _COMMIT_TIMEOUT:
+        return _broken_off(stage, inside, config)
     # Beyond this distance the robot can still stop at commit_distance.
-    braking_way = config.dock_speed * (config.drive.profile_gains.react + 0.5 * config.dock_speed / _brake(config))
-    if memory.committed or distance > config.commit_distance + braking_way:
-        return memory
-    committed = is_certain(at, distance, uncertainty, config)
+    braking_way = config.dock_speed * (given.gains.react + 0.5 * config.dock_speed / _brake(given.gains, config))
+    if stage.committed or distance > config.commit_distance + braking_way:
+        return stage
+    committed = is_certain(at, distance, given.uncertainty, config)
     is_there = not committed and distance <= config.commit_distance + _WAITING
-    return _waiting(memory, committed, memory.wait + dt if is_there else 0.0, math.inf)
+    wait = stage.wait + given.dt if is_there else 0.0
+    return Stage(APPROACHING, stage.tries, committed, wait, math.inf, stage.out)
 
 
-def _touching(memory: DockingMemory, distance: float, dt: float, config: DockingConfig) -> DockingMemory:
-    """Decide on the last way: the robot feels the dock, stands against it, or is beyond where it has to be."""
+def _broken_off(stage: Stage, inside: bool, config: DockingConfig) -> Stage:
+    out = config.staging_distance + (_MARGIN if inside else _ALIGNING)
+    return _begin(RETREATING, stage.tries + 1, out)
+
+
+def _touching(stage: Stage, given: StageInput, config: DockingConfig) -> Stage:
+    """Return the next stage on the last centimetres: the robot touches the dock, stands against it, or is beyond it.
+
+    Without a switch, standing counts as contact. With an open switch, the robot stands against something else or its
+    odometry is wrong, so it backs off and tries again.
+    """
+    distance = -given.now.x
     # A gap between two poses does not mean that the robot stands.
-    wait, nearest = memory.wait + min(dt, _STALL_STEP), memory.nearest
+    wait, nearest = stage.wait + min(given.dt, _STALL_STEP), stage.nearest
     if distance < nearest - _STALL_WAY:
         wait, nearest = 0.0, distance
     stands = wait > _STALL_TIME and distance <= config.press_distance
-    if memory.contact or stands or distance <= -config.press_distance:
-        return _in_phase(memory, DOCKED, memory.tries)
-    return _waiting(memory, True, wait, nearest)
+    is_beyond = distance <= -config.press_distance
+    if given.contact == CONTACT or (given.contact == CONTACT_UNKNOWN and (stands or is_beyond)):
+        return _begin(DOCKED, stage.tries)
+    if is_beyond or wait > _COMMIT_TIMEOUT:
+        return _broken_off(stage, True, config)
+    return Stage(APPROACHING, stage.tries, True, wait, nearest, stage.out)
 
 
-def _requested(memory: DockingMemory, pose: Pose, out: float, config: DockingConfig) -> Twist:
-    """Return the command on the axis before the limits, of the end that leads."""
-    phase, length, distance = memory.phase, config.approach_length, -pose.x
+def _requested(stage: Stage, pose: Pose, out: float, gains: Gains, config: DockingConfig) -> Twist:
+    """Return the command on the axis for the leading end, before the limits."""
+    phase, length, distance = stage.phase, APPROACH_LENGTH, -pose.x
     if phase == RETREATING:
-        return along_axis(pose, -_speed_to(memory.out + _MARGIN - distance, config), _OUT_LENGTHS * length)
+        return along_axis(pose, -_speed_to(stage.out + _MARGIN - distance, gains, config), _OUT_LENGTHS * length)
     if phase == UNDOCKING:
-        return along_axis(pose, -_speed_to(out - distance, config), _OUT_LENGTHS * length)
+        return along_axis(pose, -_speed_to(out - distance, gains, config), _OUT_LENGTHS * length)
     if phase != APPROACHING:
         return Twist(0.0, 0.0)
-    v = min(config.dock_speed, config.contact_speed + _speed_to(distance - config.straight_length, config))
-    if not memory.committed:
-        v = min(v, _speed_to(distance - config.commit_distance, config))
+    v = min(config.dock_speed, config.contact_speed + _speed_to(distance - STRAIGHT_LENGTH, gains, config))
+    if not stage.committed:
+        v = min(v, _speed_to(distance - config.commit_distance, gains, config))
     if distance > config.commit_distance:
         return along_axis(pose, v, length)
-    return hold_heading(pose, v, length) if distance > config.straight_length else Twist(v, 0.0)
+    return hold_heading(pose, v, length) if distance > STRAIGHT_LENGTH else Twist(v, 0.0)
 
 
-def _speed_to(way: float, config: DockingConfig) -> float:
+def _speed_to(way: float, gains: Gains, config: DockingConfig) -> float:
     """Return the speed [m/s] along the axis from which the robot can stop within ``way`` [m]."""
     if way <= 0.0:
         return 0.0
-    speed = braking(way, _brake(config), config.drive.profile_gains.react)
-    # Not less than what moves the robot at all, or it would stay where it is.
+    speed = braking(way, _brake(gains, config), gains.react)
+    # At least the smallest speed that moves the robot.
     return min(config.dock_speed, max(speed, config.drive.data_sheet.min_velocity))
 
 
-def _brake(config: DockingConfig) -> float:
-    """Return the deceleration [m/s^2] that the speed along the axis is planned with."""
-    return min(config.drive.profile_gains.brake, _BRAKE_SHARE * config.drive.data_sheet.a_max)
+def _brake(gains: Gains, config: DockingConfig) -> float:
+    """Return the deceleration [m/s^2] of the speed along the axis."""
+    return min(gains.brake, _BRAKE_SHARE * config.drive.data_sheet.a_max)
 
 
-def _staging_step(
-    memory: DockingMemory, estimate: Estimate, dt: float, config: DockingConfig
-) -> tuple[DockingMemory, Twist, Report]:
-    """Drive to the staging pose by the switching law."""
-    staging = pose_on_axis(config.staging_distance, config.dock_backward)
-    # A new goal finds the motion in the memory alone, and a command may have been limited since the last step.
-    before = _with_command(memory.drive, memory.command, memory.actuation)
-    drive, command, report = braking_step(before, estimate, staging, dt, config.drive)
-    after = DockingMemory(
-        phase=STAGING,
-        tries=memory.tries,
-        committed=False,
-        contact=memory.contact,
-        wait=memory.wait,
-        nearest=math.inf,
-        out=0.0,
-        command=command,
-        actuation=drive.actuation,
-        drive=drive,
-        reached=False,
-    )
-    return after, command, report
+class StagingLaw(Law):
+    """A law that first drives to a staging pose: its Config holds that of the law ``switching`` as ``drive``."""
+
+    @staticmethod
+    def data_sheet(config: Any) -> DataSheet:
+        """Return ``config.drive.data_sheet``."""
+        sheet: DataSheet = config.drive.data_sheet
+        return sheet
+
+    @staticmethod
+    def tolerance(config: Any) -> GoalTolerance:
+        """Return ``config.drive.tolerance``."""
+        tolerance: GoalTolerance = config.drive.tolerance
+        return tolerance
 
 
-def _with_command(drive: ControllerMemory, command: Twist, actuation: Actuation) -> ControllerMemory:
-    # Compiled code has neither _replace nor defaults.
-    return ControllerMemory(
-        switching=drive.switching,
-        command=command,
-        settling=drive.settling,
-        reapproach=drive.reapproach,
-        finish=drive.finish,
-        course=drive.course,
-        actuation=actuation,
-        reached=drive.reached,
-    )
-
-
-def _in_phase(memory: DockingMemory, phase: int, tries: int, out: float = 0.0) -> DockingMemory:
-    """Begin a phase, with the motion that the robot has."""
-    return DockingMemory(
-        phase=phase,
-        tries=tries,
-        committed=False,
-        contact=memory.contact,
-        wait=0.0,
-        nearest=math.inf,
-        out=out,
-        command=memory.command,
-        actuation=memory.actuation,
-        drive=_with_command(new_memory(), memory.command, memory.actuation),
-        reached=phase in (DOCKED, UNDOCKED),
-    )
-
-
-def _waiting(memory: DockingMemory, committed: bool, wait: float, nearest: float) -> DockingMemory:
-    return DockingMemory(
-        phase=memory.phase,
-        tries=memory.tries,
-        committed=committed,
-        contact=memory.contact,
-        wait=wait,
-        nearest=nearest,
-        out=memory.out,
-        command=memory.command,
-        actuation=memory.actuation,
-        drive=memory.drive,
-        reached=memory.reached,
-    )
-
-
-def _with_motion(memory: DockingMemory, command: Twist, actuation: Actuation) -> DockingMemory:
-    return DockingMemory(
-        phase=memory.phase,
-        tries=memory.tries,
-        committed=memory.committed,
-        contact=memory.contact,
-        wait=memory.wait,
-        nearest=memory.nearest,
-        out=memory.out,
-        command=command,
-        actuation=actuation,
-        drive=memory.drive,
-        reached=memory.reached,
-    )
-
-
-class Docking:
-    """Docking in the form of :class:`diffbot_control.goals.protocol.Law`."""
+class Docking(StagingLaw):
+    """Docking and undocking."""
 
     name = "docking"
     Config = DockingConfig
     new_memory = staticmethod(new_docking_memory)
     step = staticmethod(docking_step)
-    reason_to_give_up = staticmethod(reason_to_give_up)
-    describe = staticmethod(describe)
+
+    @classmethod
+    def memory_for_new_goal(cls, memory: Any, config: Any) -> DockingMemory:
+        """Return a new memory with the present motion, which the limits of acceleration and the latency need."""
+        return new_docking_memory(config)._replace(command=memory.command, actuation=memory.actuation)
+
+    @staticmethod
+    def after_command(memory: Any, command: Twist, dt: float, config: Any) -> DockingMemory:
+        """Update the motion."""
+        sheet, actuation = config.drive.data_sheet, memory.actuation
+        if dt > 0.0 and not is_immediate(sheet):
+            actuation = after_a_period(actuation, memory.command, dt, sheet)
+        after: DockingMemory = memory._replace(command=command, actuation=actuation)
+        return after
+
+    @staticmethod
+    def describe(memory: Any, config: Any) -> dict[str, str]:
+        """Return the phase, and the number of approaches that were broken off."""
+        return {"phase": PHASE_NAMES[memory.stage.phase], "approaches broken off": str(memory.stage.tries)}
+
+    @staticmethod
+    def reason_to_give_up(memory: Any, config: Any) -> str:
+        """Return why the robot does not dock."""
+        if memory.stage.phase != FAILED:
+            return ""
+        if memory.stage.tries == 0:
+            return "not at the dock nor on the axis before it"
+        causes = "beside the axis, too uncertain at commit_distance, or no contact where the dock should be"
+        return f"{memory.stage.tries} approaches broken off: {causes}"

@@ -1,8 +1,8 @@
-"""Dead time and lag: the pose in which a command acts at once, from the commands that are under way.
+"""Dead time and lag: predict the pose in which the robot would come to rest, from the commands that still act.
 
-The law sees the *coasted pose*: where the robot would come to rest if zero were commanded from now on. The robot
+The law works with the *coasted pose*, in which the robot would come to rest if zero were commanded from now on. It
 follows a first-order lag behind a dead time, x' + lag x'' = command. In z = x + lag x' (after the dead time) that is
-z' = command: neither dead time nor lag is left in the loop, exactly on a line, and to first order on a curve.
+z' = command: neither dead time nor lag remains in the loop, exactly on a line, and to first order on a curve.
 """
 
 from __future__ import annotations
@@ -16,16 +16,18 @@ from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import Estimate, Uncertainty
 
 SLOTS = 8
-"""Commands that are remembered. More of them, at a fast rate or a long latency, are joined by their mean: the way that
-they move the robot stays the same, and any two neighbours last longer than a quarter of what has to be remembered."""
+"""Number of commands that are kept. At a fast rate or a long latency, neighbouring commands are merged into their mean,
+which moves the robot as far; any two neighbours span more than a quarter of the time that has to be covered."""
 _SHORTEST = 1e-9
-"""[s] shorter spans are rounding"""
+"""[s] a shorter span is a rounding error"""
+_MOTION_ERROR = 0.05
+"""bound of the relative error of a commanded motion, which +-5 % per wheel causes"""
 _STRAIGHT = 0.01
-"""[rad] below half this turn sin(a) / a is computed from its series, exact to 1e-11"""
+"""[rad] if half the turn is smaller, sin(a) / a is computed from its series, which is exact to 1e-11"""
 
 
 class Held(NamedTuple):
-    """A command and how long it was in force."""
+    """A command and the time for which it was in force."""
 
     v: float
     """[m/s]"""
@@ -40,33 +42,33 @@ UnderWay = tuple[Held, Held, Held, Held, Held, Held, Held, Held]
 
 
 class Actuation(NamedTuple):
-    """What is known of the robot's motion at the last pose; the default is at rest."""
+    """Motion of the robot at the last pose, and commands before; the default is at rest."""
 
     motion: Twist = Twist(0.0, 0.0)
-    """by the model of the drives"""
+    """velocities by the model of the drives"""
     under_way: UnderWay = (_NOTHING,) * SLOTS  # type: ignore[assignment]
     """commands before the last one, the oldest first"""
 
 
 class Coasted(NamedTuple):
-    """Where the robot will come to rest."""
+    """Prediction of the pose at rest."""
 
     actuation: Actuation
     pose: Pose
     way: float
-    """[m] driven until then, in both directions together"""
+    """[m] length driven until then, forwards and backwards"""
     turn: float
-    """[rad] turned until then, likewise"""
+    """[rad] angle turned until then, to the left and to the right"""
 
 
 def resting_actuation() -> Actuation:
-    """Return the state at rest, every field given: compiled code does not know the defaults."""
+    """Return the state at rest, with every field given, because compiled code does not know the defaults."""
     none = Held(0.0, 0.0, 0.0)
     return Actuation(Twist(0.0, 0.0), (none, none, none, none, none, none, none, none))
 
 
 def is_immediate(data_sheet: DataSheet) -> bool:
-    """Whether the robot has neither dead time nor lag."""
+    """True if the robot has neither dead time nor lag."""
     return data_sheet.command_latency <= 0.0 and data_sheet.drive_time_constant <= 0.0
 
 
@@ -90,8 +92,8 @@ def coast(pose: Pose, actuation: Actuation, command: Twist, dt: float, data_shee
 
     Args:
         pose: now.
-        actuation: as left by the last pose.
-        command: the last one, in force for the last ``dt``.
+        actuation: result of the last pose.
+        command: the last command, in force for the last ``dt``.
         dt: [s] since the last pose.
         data_sheet: dead time and time constant.
     """
@@ -110,7 +112,7 @@ def coast(pose: Pose, actuation: Actuation, command: Twist, dt: float, data_shee
             dv, domega, gone = v - held_v, omega - held_omega, lag * (1.0 - left)
             forward, turn = forward + dv * gone, turn + domega * gone
             v, omega = held_v + dv * left, held_omega + domega * left
-        # As in _moved, without its call.
+        # As _moved, written out because this loop runs at each pose.
         half = 0.5 * turn
         if half > _STRAIGHT or half < -_STRAIGHT:
             chord = forward * math.sin(half) / half
@@ -128,7 +130,7 @@ def coast(pose: Pose, actuation: Actuation, command: Twist, dt: float, data_shee
 
 
 def _since(under_way: UnderWay, age: float) -> tuple[int, float, float]:
-    """Find what was in force ``age`` [s] ago: its index, how long [s] it had been then, and the time [s] before all."""
+    """Return index and elapsed time [s] of the command ``age`` [s] ago, and the time [s] before the first command."""
     first, missing = SLOTS, age
     while missing > _SHORTEST and first > 0:
         first -= 1
@@ -137,12 +139,12 @@ def _since(under_way: UnderWay, age: float) -> tuple[int, float, float]:
 
 
 def after_a_period(actuation: Actuation, command: Twist, dt: float, data_sheet: DataSheet) -> Actuation:
-    """Follow the robot's motion without a law, while it comes to rest; arguments as in :func:`coast`."""
+    """Return the actuation one period later without a law, while the robot brakes; see :func:`coast`."""
     return coast(Pose(0.0, 0.0, 0.0), actuation, command, dt, data_sheet).actuation
 
 
 def _motion_after(motion: Twist, under_way: UnderWay, dt: float, data_sheet: DataSheet) -> Twist:
-    """Motion [m/s], [rad/s] now, ``dt`` [s] after ``motion``; before the first command the robot stood."""
+    """Return the motion ``dt`` [s] after ``motion``; before the first command the robot rested."""
     lag = data_sheet.drive_time_constant
     index, skipped, missing = _since(under_way, data_sheet.command_latency + dt)
     v, omega = motion
@@ -159,25 +161,24 @@ def _motion_after(motion: Twist, under_way: UnderWay, dt: float, data_sheet: Dat
 
 
 def _moved(x: float, y: float, theta: float, forward: float, turn: float) -> tuple[float, float, float]:
-    """Follow an arc of length ``forward`` [m] that turns by ``turn`` [rad]."""
+    """Return the end of an arc of length ``forward`` [m] that turns by ``turn`` [rad]."""
     half = 0.5 * turn
     chord = forward * (math.sin(half) / half if abs(half) > _STRAIGHT else 1.0 - half * half / 6.0)
     middle = theta + half
     return x + chord * math.cos(middle), y + chord * math.sin(middle), theta + turn
 
 
-def grown(uncertainty: Uncertainty, way: float, turn: float, share: float) -> Uncertainty:
-    """Return the uncertainty after ``way`` [m] and ``turn`` [rad] with a relative error uniform in +-``share``."""
-    deviation = share / math.sqrt(3.0)
-    along, across = deviation * way, uncertainty.theta * way
-    return Uncertainty(
-        math.sqrt(uncertainty.xy * uncertainty.xy + along * along + across * across),
-        math.hypot(uncertainty.theta, deviation * turn),
-    )
-
-
-def predicted(coasted: Coasted, uncertainty: Uncertainty, share: float) -> Estimate:
-    """Return the estimate of the coasted pose."""
-    if coasted.way <= 0.0 and coasted.turn <= 0.0:
+def predicted(coasted: Coasted, uncertainty: Uncertainty) -> Estimate:
+    """Return the estimate of the coasted pose; the predicted motion has a relative error that is uniform in +-5 %."""
+    way, turn = coasted.way, coasted.turn
+    if way <= 0.0 and turn <= 0.0:
         return Estimate(coasted.pose, uncertainty)
-    return Estimate(coasted.pose, grown(uncertainty, coasted.way, coasted.turn, share))
+    deviation = _MOTION_ERROR / math.sqrt(3.0)
+    along, across = deviation * way, uncertainty.theta * way
+    return Estimate(
+        coasted.pose,
+        Uncertainty(
+            math.sqrt(uncertainty.xy * uncertainty.xy + along * along + across * across),
+            math.hypot(uncertainty.theta, deviation * turn),
+        ),
+    )

@@ -1,7 +1,7 @@
 """Limits of the command: bounds of the velocities and of their changes, and the dead bands.
 
-Two rules. The paper's presets scale v and omega by one factor, which keeps the curvature of the path. The law with
-braking profiles lets the speed give way to the steering, in a way that keeps dV <= 0.
+There are two rules. The law of the paper scales v and omega by one factor, which keeps the curvature of the path. The
+law with braking profiles reduces the speed in favour of the steering, so that dV <= 0 still holds.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from diffbot_core.kinematics import Twist, wheel_speeds
 
 _INF = math.inf
 _LIFTED_SHARE = 0.4
-"""A command below this share of the dead band becomes zero, one above it the smallest that moves the robot."""
+"""A command below this share of the dead band becomes zero, a larger one the smallest that moves the robot."""
 _ROUNDING = 1.0 + 1e-12
-"""A command that a limit has put onto a bound must not count as beyond it."""
+"""Factor of the bounds, so that a command on a bound does not count as beyond it."""
 
 
 def limit_velocity(command: Twist, data_sheet: DataSheet) -> Twist:
@@ -33,11 +33,11 @@ def limit_velocity(command: Twist, data_sheet: DataSheet) -> Twist:
 
 
 def limit_acceleration(command: Twist, previous: Twist, dt: float, data_sheet: DataSheet) -> Twist:
-    """Return the twist nearest to ``command`` that can be reached from ``previous`` within ``dt`` [s], on its curve.
+    """Return the twist on the curve of ``command`` that the robot can reach from ``previous`` within ``dt`` [s].
 
-    It is s * command with the largest factor s in [0, 1] that changes neither velocity by more than its bound times dt:
-    the path keeps its curvature, and only the timing changes. If there is no such factor (the robot still moves along
-    another curve), each velocity moves towards the command: see :func:`limit_change`.
+    It is s * command with the largest factor s in [0, 1] that changes neither velocity by more than its bound times dt.
+    So the path keeps its curvature, and only the timing changes. If there is no such factor, because the robot still
+    moves along another curve, each velocity moves towards the command: see :func:`limit_change`.
     """
     if data_sheet.a_max == _INF and data_sheet.omega_dot_max == _INF:
         return command
@@ -52,14 +52,14 @@ def limit_acceleration(command: Twist, previous: Twist, dt: float, data_sheet: D
 
 
 def _changes(dt: float, data_sheet: DataSheet) -> tuple[float, float]:
-    """Largest changes of v [m/s] and omega [rad/s] within ``dt`` [s]; inf * 0 is no number, and means no limit."""
+    """Return the largest changes of v [m/s] and omega [rad/s] within ``dt`` [s]; inf without a limit, even for 0 s."""
     dv = data_sheet.a_max * dt if data_sheet.a_max < _INF else _INF
     domega = data_sheet.omega_dot_max * dt if data_sheet.omega_dot_max < _INF else _INF
     return dv, domega
 
 
 def _factors(requested: float, previous: float, change: float) -> tuple[float, float]:
-    """Interval of s for which |s * requested - previous| <= change; empty (1, 0) if there is none."""
+    """Return the interval of s for which |s * requested - previous| <= change; (1, 0) if it is empty."""
     if requested == 0.0:
         return (-_INF, _INF) if abs(previous) <= change else (1.0, 0.0)
     one = (previous - change) / requested
@@ -74,9 +74,9 @@ def _towards(requested: float, previous: float, change: float) -> float:
 def limit_change(command: Twist, previous: Twist, dt: float, data_sheet: DataSheet) -> Twist:
     """Move each velocity from ``previous`` towards ``command`` as far as ``dt`` [s] allows, within all bounds.
 
-    Where the rims' bound asks for less, the speed gives way as far as it can in one period, and the rotation the rest.
-    If no reachable command is within the bounds, because one was lowered while driving, the result exceeds each bound
-    by no more than the hardest braking leaves: it comes within them as fast as the accelerations allow.
+    If the faster rim exceeds its bound, the speed is reduced as far as one period allows, and then the rotation. If no
+    reachable command is within the bounds, because a bound was lowered while driving, the result brakes as hard as the
+    accelerations allow until it is within the bounds.
     """
     if data_sheet.a_max == _INF and data_sheet.omega_dot_max == _INF:
         return command
@@ -92,7 +92,7 @@ def limit_change(command: Twist, previous: Twist, dt: float, data_sheet: DataShe
 
 
 def slowed(previous: Twist, dt: float, data_sheet: DataSheet) -> Twist:
-    """Brake from ``previous`` for ``dt`` [s] along its curve, as hard as the limits of the accelerations allow.
+    """Return the command after braking from ``previous`` for ``dt`` [s] along its curve, as hard as the limits allow.
 
     A velocity beyond a bound that was lowered while driving brakes by itself: see :func:`limit_change`.
     """
@@ -107,7 +107,7 @@ def slowed(previous: Twist, dt: float, data_sheet: DataSheet) -> Twist:
 
 
 def is_beyond(command: Twist, data_sheet: DataSheet) -> bool:
-    """True if a command exceeds a bound of the velocities by more than rounding."""
+    """Return True if a command exceeds a bound of the velocities by more than rounding."""
     rim, half = rim_speed(data_sheet), 0.5 * data_sheet.wheels.wheel_separation
     return (
         abs(command.v) > data_sheet.v_max * _ROUNDING
@@ -117,13 +117,13 @@ def is_beyond(command: Twist, data_sheet: DataSheet) -> bool:
 
 
 def limit_global(phi: float, v: float, turn: float, data_sheet: DataSheet) -> Twist:
-    """Return (s v, phi + s turn) within the bounds of the velocities, with the largest s in [0, 1] that there is.
+    """Return (s v, phi + s turn) within the bounds of the velocities, with the largest possible s in [0, 1].
 
-    The steering keeps its rate phi and the speed gives way. In Omega_G dV is linear in the command, and each
-    (s v, q phi + s turn) with s, q >= 0 has dV <= 0, so these limits cannot spoil it.
+    The steering keeps its rate phi, and the speed is reduced. In Omega_G dV is linear in the command, and each
+    (s v, q phi + s turn) with s, q >= 0 has dV <= 0, so dV <= 0 holds with these limits.
 
     Args:
-        phi: [rad/s] steering to the goal; clipped to what a rotation on the spot may have.
+        phi: [rad/s] steering to the goal, clipped to the bound of a rotation on the spot.
         v: [m/s].
         turn: [rad/s] rotation that belongs to v.
         data_sheet: the bounds.
@@ -138,7 +138,7 @@ def limit_global(phi: float, v: float, turn: float, data_sheet: DataSheet) -> Tw
     if abs(phi + s * turn) > omega_max:
         room = omega_max - phi if turn > 0.0 else omega_max + phi
         s = min(s, room / abs(turn))
-    # The bound of the rims on both sides of phi + s turn = 0; it holds for s = 0.
+    # The bound of the rims for both signs of phi + s turn; it holds for s = 0.
     up, down = speed + half * turn, speed - half * turn
     if half * phi + s * up > rim and up > 0.0:
         s = (rim - half * phi) / up
@@ -149,9 +149,9 @@ def limit_global(phi: float, v: float, turn: float, data_sheet: DataSheet) -> Tw
 
 
 def limit_local(command: Twist, data_sheet: DataSheet) -> Twist:
-    """Return a command of Omega_L within the bounds of the velocities: the heading first, the speed with what is left.
+    """Return a command of Omega_L within the bounds of the velocities; the rotation has priority over the speed.
 
-    Each velocity has its own term of dV there, so each may shrink by itself.
+    In Omega_L each velocity has its own term of dV, so each may be reduced by itself.
     """
     v, omega = lifted_command(command, data_sheet)
     rim, half = rim_speed(data_sheet), 0.5 * data_sheet.wheels.wheel_separation
@@ -160,7 +160,7 @@ def limit_local(command: Twist, data_sheet: DataSheet) -> Twist:
 
 
 def lifted(value: float, least: float) -> float:
-    """Return a velocity that moves the robot for one inside its dead band, or zero; the sign stays."""
+    """Return the smallest velocity that moves the robot, or zero, for a velocity inside the dead band."""
     if abs(value) >= least:
         return value
     return math.copysign(least, value) if abs(value) > _LIFTED_SHARE * least else 0.0

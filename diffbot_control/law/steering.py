@@ -1,13 +1,22 @@
-"""The law with braking profiles: law (17) with f(rho) for gamma tanh(rho), phi for k alpha, and either end leading.
+"""The two laws of :mod:`switching`: drive and steer far from the goal, drive and hold the heading near it.
 
-Let d be the end of the robot that leads, front (+1) or back (-1), and alpha_d, beta_d the variables of Eq. (2) for it:
-alpha and beta, or both turned by pi (the paper's "forward direction is redefined"). With f = f(rho) >= 0:
+The navigation variables are those of the paper, Eq. (2). In place of its gamma tanh(rho) and k alpha stand *braking
+profiles*: how fast the robot may still move at some distance d from where it has to stop. From the speed s(d; b, tau)
+it stops within d if it reacts after tau and then brakes with b:
 
-    Omega_G:  v = f cos(alpha),  omega = phi(alpha_d) + (f / rho) sinc(alpha_d) cos(alpha_d) (alpha_d + h beta_d)
-    Omega_L:  v = f cos(alpha),  omega = -phi_L(theta)
+    d = s tau + s^2 / (2 b)    so    s(d; b, tau) = 2 d / (tau + sqrt(tau^2 + 2 d / b))
 
-V = (rho^2 + alpha_d^2 + h beta_d^2) / 2 changes in Omega_G at -f rho cos^2(alpha) - alpha_d phi(alpha_d) <= 0, for any
-f >= 0 and any odd phi in the first and third quadrant; docs/explanation/law.md has the argument with limits.
+Its slope at 0 is 1 / tau, a proportional gain; far away it is sqrt(2 b d), which needs exactly the deceleration b.
+With f(rho) the profile of the speed and phi(alpha) that of the turn, both odd and with the sign of their argument,
+
+    Omega_G:  v = f(rho) cos(alpha),  omega = phi(alpha) + (f(rho) / rho) cos(alpha) sinc(alpha) (alpha + h beta)
+    Omega_L:  v = f(rho) cos(alpha),  omega = -phi_L(theta)
+
+    V_G = (rho^2 + alpha^2 + h beta^2) / 2   with   dV_G = -rho f cos^2(alpha) - alpha phi(alpha) <= 0
+    V_L = (rho^2 + theta^2) / 2              with   dV_L = -rho f cos^2(alpha) - theta phi_L(theta) <= 0
+
+The weight h(rho) = h min(1, rho / 0.3 m) fades near the goal: the robot drives straight to the goal point, and turns
+there in Omega_L. As rho' <= 0 and h' >= 0, its change adds h' rho' beta^2 / 2 <= 0 to dV_G.
 """
 
 from __future__ import annotations
@@ -16,33 +25,149 @@ import math
 from typing import NamedTuple
 
 from diffbot_control.law.limits import limit_global, limit_local
-from diffbot_control.law.lyapunov_law import sinc
-from diffbot_control.law.polar_coordinates import Navigation
-from diffbot_control.law.speed_profile import ProfileGains, approach_speed, signed_braking
 from diffbot_core.data_sheet import DataSheet
-from diffbot_core.geometry import wrap_angle
+from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import Twist
 
+HALF_PI = 0.5 * math.pi
+_SERIES = 1e-4
+"""[rad] below this angle sin(a) / a is computed from its series, which is exact to the last bit there"""
+BEARING_WEIGHT = 0.8
+"""h, the weight of beta in Omega_G"""
+BEARING_FADE = 0.3
+"""[m] distance below which h fades"""
+ARRIVAL_SHARE = 0.3
+"""wanted deviation of the position at arrival, as a share of xy_goal_tolerance"""
+BRAKE, TURN_BRAKE, HOLD_BRAKE = 3.0, 7.0, 5.0
+"""[m/s^2], [rad/s^2] largest decelerations of the profiles"""
+_BRAKE_SHARE, _TURN_BRAKE_SHARE = 0.86, 0.65
+"""share of the limit that a profile uses; the rest is for errors of the estimate and of the drives"""
+_UNKNOWN_LATENCY = 0.2
+"""[s] dead time beyond the known one with which the loop is still stable"""
+_DRIVE_LOOPS, _TURN_LOOPS, _HOLD_LOOPS = 2.0, 1.8, 1.6
+"""reaction times in multiples of the loop's delay; 2 / pi is the limit of stability"""
 _SMALLEST_DISTANCE = 1e-9
-"""[m] f(rho) / rho is taken here at the goal itself"""
+"""[m] lower bound of rho in f(rho) / rho"""
+
+
+class Navigation(NamedTuple):
+    """Position of the goal relative to the robot."""
+
+    rho: float
+    """[m] distance of the goal"""
+    alpha: float
+    """[rad] bearing of the goal in the robot's frame, in (-pi, pi]"""
+    beta: float
+    """[rad] bearing of the goal in the goal's frame, in (-pi, pi]; the heading is theta = beta - alpha"""
+
+
+def navigation_variables(pose: Pose) -> Navigation:
+    """Return the variables of Eq. (2) for a pose in the goal's frame, i.e. with the goal at (0, 0, 0).
+
+    At the goal itself (rho = 0) beta is 0, so alpha is -theta.
+    """
+    # 0.0 - x, not -x: atan2(-0.0, -0.0) is -pi, and beta at the goal would flip.
+    dx = 0.0 - pose.x
+    dy = 0.0 - pose.y
+    beta = wrap_angle(math.atan2(dy, dx))
+    return Navigation(math.hypot(dx, dy), wrap_angle(beta - pose.theta), beta)
+
+
+def in_front(alpha: float) -> bool:
+    """Return True if the goal is in the front sector, alpha in (-pi/2, pi/2].
+
+    Eq. (4) excludes pi/2 and Eq. (6) includes it; this function follows (6).
+    """
+    return -HALF_PI < alpha <= HALF_PI
+
+
+def sinc(angle: float) -> float:
+    """Return sin(angle) / angle, which is 1 at 0."""
+    if abs(angle) < _SERIES:
+        return 1.0 - angle * angle / 6.0
+    return math.sin(angle) / angle
+
+
+class Gains(NamedTuple):
+    """Decelerations and reaction times of the braking profiles.
+
+    1 / ``turn_react`` and 1 / ``hold_react`` are the paper's k and k_2 near 0.
+    """
+
+    brake: float
+    """[m/s^2]"""
+    react: float
+    """[s]"""
+    turn_brake: float
+    """[rad/s^2] of the turn towards the goal in Omega_G"""
+    turn_react: float
+    """[s]"""
+    hold_brake: float
+    """[rad/s^2] of the heading in Omega_L"""
+    hold_react: float
+    """[s]"""
+
+
+def gains_of(data_sheet: DataSheet, period: float) -> Gains:
+    """Derive the gains from the limits of the robot and the period [s] of its poses.
+
+    The delay of the loop is half a period, for which a command is held on average, plus a dead time of 0.2 s that may
+    be missing in the data sheet, so that the prediction does not remove it.
+    """
+    loop = 0.5 * period + _UNKNOWN_LATENCY
+    turning = _TURN_BRAKE_SHARE * data_sheet.omega_dot_max
+    return Gains(
+        min(BRAKE, _BRAKE_SHARE * data_sheet.a_max),
+        _DRIVE_LOOPS * loop,
+        min(TURN_BRAKE, turning),
+        _TURN_LOOPS * loop,
+        min(HOLD_BRAKE, turning),
+        _HOLD_LOOPS * loop,
+    )
+
+
+def braking(distance: float, brake: float, react: float) -> float:
+    """Return the largest speed s with s^2 / (2 brake) + s react <= ``distance`` >= 0, in any unit (also rad)."""
+    return 2.0 * distance / (react + math.sqrt(react * react + 2.0 * distance / brake))
+
+
+def signed_braking(error: float, brake: float, react: float, largest: float) -> float:
+    """Return phi(a) = sign(a) min(largest, s(|a|)): odd, and phi(a) a >= 0."""
+    return math.copysign(min(largest, braking(abs(error), brake, react)), error)
+
+
+def uncertainty_ratio(sigma_xy: float, sigma_known: float, xy_goal_tolerance: float) -> float:
+    """Return ``sigma_xy`` [m] over the wanted deviation at arrival, which is larger for a wide tolerance."""
+    return sigma_xy / max(sigma_known, ARRIVAL_SHARE * xy_goal_tolerance)
+
+
+def approach_speed(rho: float, ratio: float, gains: Gains, v_max: float) -> float:
+    """Return f(rho) [m/s] >= 0 with f(0) = 0; slower if the ``ratio`` of :func:`uncertainty_ratio` is above 1."""
+    react = gains.react * ratio * ratio if ratio > 1.0 else gains.react
+    return min(v_max, braking(rho, gains.brake, react))
+
+
+def bearing_weight(rho: float) -> float:
+    """Return h at distance ``rho`` [m]."""
+    return BEARING_WEIGHT * min(1.0, rho / BEARING_FADE)
 
 
 UNDECIDED, FRONT, BACK = 0, 1, -1
-"""which end of the robot leads"""
+"""Leading end of the robot."""
 
 
 class Course(NamedTuple):
-    """What is decided once for a goal, and again when Omega_L is left."""
+    """Decisions that are made once for a goal, and again when Omega_L is left."""
 
-    leading: int = UNDECIDED
-    turned: bool = False
+    leading: int
+    turned: bool
     """the robot's heading at the goal is opposite to the goal's (``symmetric_yaw_tolerance``)"""
 
 
 def chosen_course(navigation: Navigation, allow_backward: bool, symmetric: bool) -> Course:
-    """Choose the course with the least turning.
+    """Return the course with the least turning.
 
-    It takes |alpha_d| to look along the line to the goal, and |beta_d| from there to the heading at the goal.
+    The robot turns by |alpha_d| to look along the line to the goal, and by |beta_d| from there to the goal's heading.
     """
     rear_alpha, rear_beta = _opposite(navigation.alpha), _opposite(navigation.beta)
     alpha, beta = abs(navigation.alpha), abs(navigation.beta)
@@ -61,45 +186,44 @@ def _opposite(angle: float) -> float:
 
 
 def led_by(navigation: Navigation, leading: int) -> Navigation:
-    """Return the variables as of the end that leads."""
+    """Return the variables of the leading end."""
     if leading != BACK:
         return navigation
     return Navigation(navigation.rho, wrap_angle(navigation.alpha - math.pi), wrap_angle(navigation.beta - math.pi))
 
 
-def drive_and_steer(
-    navigation: Navigation, vagueness: float, leading: int, gains: ProfileGains, data_sheet: DataSheet
-) -> Twist:
-    """Law of Omega_G within the bounds of the velocities; ``navigation`` is that of the end that leads."""
+def drive_and_steer(navigation: Navigation, ratio: float, leading: int, gains: Gains, data_sheet: DataSheet) -> Twist:
+    """Return the command of Omega_G within the bounds of the velocities, from the variables of the leading end."""
     rho, alpha, beta = navigation
     cosine = math.cos(alpha)
-    speed = approach_speed(rho, vagueness, gains, data_sheet.v_max)
+    speed = approach_speed(rho, ratio, gains, data_sheet.v_max)
     phi = signed_braking(alpha, gains.turn_brake, gains.turn_react, data_sheet.omega_max)
-    turn = speed / max(rho, _SMALLEST_DISTANCE) * cosine * sinc(alpha) * (alpha + gains.bearing_weight * beta)
+    turn = speed / max(rho, _SMALLEST_DISTANCE) * cosine * sinc(alpha) * (alpha + bearing_weight(rho) * beta)
     command = limit_global(phi, speed * cosine, turn, data_sheet)
     return command if leading != BACK else Twist(-command.v, command.omega)
 
 
-def turn_to_the_goal(alpha: float, gains: ProfileGains, data_sheet: DataSheet) -> Twist:
-    """Stand and turn: where the law of Omega_G would reverse and must not; dV = -alpha phi(alpha) <= 0."""
+def turn_to_the_goal(alpha: float, gains: Gains, data_sheet: DataSheet) -> Twist:
+    """Return a turn on the spot, for a goal to which the robot must not reverse; dV = -alpha phi(alpha) <= 0."""
     phi = signed_braking(alpha, gains.turn_brake, gains.turn_react, data_sheet.omega_max)
     return limit_global(phi, 0.0, 0.0, data_sheet)
 
 
 def drive_and_hold(
-    navigation: Navigation,
-    heading_error: float,
-    vagueness: float,
-    gains: ProfileGains,
-    data_sheet: DataSheet,
+    navigation: Navigation, heading_error: float, ratio: float, gains: Gains, data_sheet: DataSheet
 ) -> Twist:
-    """Law of Omega_L within the bounds of the velocities; ``heading_error`` [rad] is to become 0."""
-    speed = approach_speed(navigation.rho, vagueness, gains, data_sheet.v_max)
+    """Return the command of Omega_L within the bounds of the velocities; it reduces ``heading_error`` [rad] to 0."""
+    speed = approach_speed(navigation.rho, ratio, gains, data_sheet.v_max)
     omega = -signed_braking(heading_error, gains.hold_brake, gains.hold_react, data_sheet.omega_max)
     return limit_local(Twist(speed * math.cos(navigation.alpha), omega), data_sheet)
 
 
-def course_lyapunov(navigation: Navigation, gains: ProfileGains) -> float:
-    """V of Omega_G for the end that leads: (rho^2 + alpha_d^2 + h beta_d^2) / 2."""
+def course_lyapunov(navigation: Navigation) -> float:
+    """Return V of Omega_G for the leading end: (rho^2 + alpha_d^2 + h beta_d^2) / 2."""
     rho, alpha, beta = navigation
-    return 0.5 * (rho * rho + alpha * alpha + gains.bearing_weight * beta * beta)
+    return 0.5 * (rho * rho + alpha * alpha + bearing_weight(rho) * beta * beta)
+
+
+def local_lyapunov(navigation: Navigation, theta: float) -> float:
+    """Return V of Omega_L, Eq. (15): (rho^2 + theta^2) / 2."""
+    return 0.5 * (navigation.rho * navigation.rho + theta * theta)

@@ -1,4 +1,4 @@
-"""The estimate as the node ``ekf`` publishes it: pose and odometry/filtered."""
+"""Publishers of the estimate of the node ``ekf``: pose and odometry/filtered."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from diffbot_control.ros.messages.fields import (
 )
 from diffbot_core.kinematics import Twist, TwistCovariance
 from diffbot_core.ros.managed_node import ManagedNode
-from diffbot_core.ros.node import QUEUE
+from diffbot_core.ros.qos import QUEUE
 
 if TYPE_CHECKING:
     from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 
 
 class EkfPublishers:
-    """Publishes estimates to those that subscribe; messages are made once and filled again."""
+    """Publishes estimates while there are subscribers; the messages are created once and filled again."""
 
     def __init__(self, node: ManagedNode[EkfNodeConfig]) -> None:
-        """Create the publishers on ``node``, whose health counts what is sent."""
+        """Create the publishers on ``node``, whose health counts the messages."""
         config = node.config
         self._sent = node.health.sent
         self._pose = pose_message(config.map_frame)
@@ -40,7 +40,7 @@ class EkfPublishers:
             node.publisher_watch.watch(topic, "estimate the pose")
 
     def send_pose(self, estimate: FilterEstimate) -> None:
-        """Publish the pose, if anybody listens."""
+        """Publish the pose if there is a subscriber."""
         if not self._poses.get_subscription_count():
             return
         set_stamp(self._pose.header.stamp, estimate.stamp)
@@ -50,7 +50,7 @@ class EkfPublishers:
         self._sent["pose"] += 1
 
     def send_filtered(self, estimate: FilterEstimate, twist: Twist, covariance: TwistCovariance) -> None:
-        """Publish the estimate with the ``twist`` of the same stamp and its covariance, if anybody listens."""
+        """Publish the estimate with its ``twist`` and the covariance of the twist, if there is a subscriber."""
         if not self._filtered_odometry.get_subscription_count():
             return
         message = self._filtered

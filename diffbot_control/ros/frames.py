@@ -1,4 +1,4 @@
-"""Names of frames: those of one robot begin with its ``frame_prefix``, ``map`` belongs to all. Free of ROS."""
+"""Names of frames: the frames of a robot begin with its ``frame_prefix``; ``map`` is common to all. Free of ROS."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Send goals and wait for their ends, from a Python program.
 
-The names are those of nav2_simple_commander's BasicNavigator, but no action is needed: goals go through the
-controller's service ~/send_goal, which cannot lose one. A program that drives to one goal::
+The names are those of nav2_simple_commander's BasicNavigator, but no action is needed: goals are messages that are
+repeated until the controller has accepted them. A program that drives to one goal::
 
     import rclpy
     from geometry_msgs.msg import PoseStamped
@@ -31,17 +31,24 @@ from enum import Enum
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from lifecycle_msgs.srv import ChangeState, GetState
+from nav_msgs.msg import Path
 
-from diffbot_control.goals import goal_record
+from diffbot_control.goals import record as goal_record
 from diffbot_control.law.docking_axis import pose_on_axis
-from diffbot_control.ros.goals.client import ANSWER_TIMEOUT, LOST, Feedback, GoalClient, GoalRefusedError
+from diffbot_control.ros.goals.client import LOST, REPEAT_PERIOD, GoalClient, TaskFeedback
 from diffbot_control.ros.messages.fields import pose_of
-from diffbot_core.errors import DiffbotError
+from diffbot_core.errors import BadMessageError, DiffbotError
 from diffbot_core.geometry import Pose
-from diffbot_core.ros.node import QUEUE
+from diffbot_core.ros.qos import QUEUE
 
+_STARTUP = {"unconfigured": "configure", "inactive": "activate"}
+_SHUTDOWN = {"active": "deactivate", "inactive": "cleanup", "unconfigured": "shutdown"}
+"""Transitions to the next state of a managed node."""
+_SERVICE_TIMEOUT = 10.0
+"""[s]"""
 _NEAR = 1.0
-"""[m] an estimate this close to the initial pose follows from it"""
+"""[m] largest distance from the initial pose of an estimate that was initialised by it"""
 
 
 class TaskResult(Enum):
@@ -60,17 +67,22 @@ _RESULTS = {"": TaskResult.UNKNOWN, LOST: TaskResult.UNKNOWN} | {
 
 
 class Navigator(GoalClient):
-    """BasicNavigator's way to drive to goals; see :class:`GoalClient` for the arguments."""
+    """Drives to goals by the methods of BasicNavigator; see :class:`GoalClient` for the arguments."""
 
     def __init__(self, node_name: str = "navigator", namespace: str = "", **options: Any) -> None:
-        """Create the node, its clients and the publisher of ``initialpose``; ``options`` hold for docking, too."""
+        """Create the node, its clients and the publisher of ``initialpose``; ``options`` are those of both clients."""
         super().__init__(node_name, namespace, **options)
-        self._names = f"{node_name}_dock", namespace
+        self._dock_names = f"{node_name}_dock", namespace
         self._options = {**options, "context": self.context}
         self._docking: GoalClient | None = None
-        """of the dock's controller, made when it is needed"""
+        """client of the dock's controller, created when it is needed"""
         self._present: GoalClient = self
-        """which of the two has the newest goal"""
+        """the client that has sent the newest goal"""
+        self._waypoints: list[PoseStamped] = []
+        """poses of followWaypoints that are still to be sent"""
+        self._waypoint = 0
+        logger = self.get_logger()
+        self.debug, self.info, self.warn, self.error = logger.debug, logger.info, logger.warning, logger.error
         self._initial_poses = self.create_publisher(PoseWithCovarianceStamped, "initialpose", QUEUE)
 
     def destroyNode(self) -> None:  # noqa: N802 - the names of BasicNavigator, here and below
@@ -80,23 +92,23 @@ class Navigator(GoalClient):
         self.close(shut_down=False)
 
     def waitUntilReady(self, timeout: float = math.inf) -> bool:  # noqa: N802
-        """Wait until the controller takes goals; False if it does not within ``timeout`` [s]."""
+        """Wait until the controller receives goals; return False if it does not within ``timeout`` [s]."""
         return self.wait_until_ready(timeout)
 
     def waitUntilNav2Active(self, navigator: str = "", localizer: str = "") -> None:  # noqa: N802
-        """Do the same without a limit, for programs written for BasicNavigator; the arguments are ignored."""
+        """Wait until the controller receives goals, without a limit; the arguments are ignored."""
         self.wait_until_ready()
 
     def setInitialPose(  # noqa: N802
         self, initial_pose: PoseStamped, sigma_xy: float = 0.1, sigma_yaw: float = 0.1, timeout: float = 10.0
     ) -> bool:
-        """Initialise the filter, and wait until it publishes a pose within 1 m of that.
+        """Initialise the filter and wait until it publishes a pose within 1 m of ``initial_pose``.
 
         Args:
             initial_pose: in the frame of the map.
-            sigma_xy: [m] its standard deviation in x and in y.
-            sigma_yaw: [rad] that of its heading.
-            timeout: [s]; False is returned after it.
+            sigma_xy: [m] standard deviation in x and in y.
+            sigma_yaw: [rad] standard deviation of the heading.
+            timeout: [s] after this time the method returns False.
         """
         message = PoseWithCovarianceStamped(header=initial_pose.header)
         message.header.frame_id = message.header.frame_id or self.frame
@@ -114,11 +126,11 @@ class Navigator(GoalClient):
         deadline = time.monotonic() + timeout
         try:
             while (left := deadline - time.monotonic()) > 0.0:
-                # Repeated until it shows: the filter may not have discovered this publisher yet.
+                # The filter may not have discovered this publisher yet, so the message is repeated.
                 if self.spin_until(self._initial_poses.get_subscription_count, left):
                     received.clear()
                     self._initial_poses.publish(message)
-                    if self.spin_until(is_followed, min(left, ANSWER_TIMEOUT)):
+                    if self.spin_until(is_followed, min(left, REPEAT_PERIOD)):
                         return True
             return False
         finally:
@@ -129,29 +141,65 @@ class Navigator(GoalClient):
         return self.goThroughPoses([pose], behavior_tree)
 
     def goThroughPoses(self, poses: Sequence[PoseStamped], behavior_tree: str = "") -> bool:  # noqa: N802
-        """Send a path, whose poses have to be in one frame; else as :meth:`goToPose`. ``behavior_tree`` is ignored."""
-        frames = {pose.header.frame_id or self.frame for pose in poses}
+        """Send a path in one frame, as :meth:`goToPose` does; ``behavior_tree`` is ignored."""
+        self._waypoints, self._waypoint = [], 0
+        return self._send_poses([pose.header.frame_id or self.frame for pose in poses], poses)
+
+    def followPath(self, path: Path, controller_id: str = "", goal_checker_id: str = "") -> bool:  # noqa: N802
+        """Send a path as :meth:`goThroughPoses`; the ids are ignored."""
+        self._waypoints, self._waypoint = [], 0
+        frame = path.header.frame_id or self.frame
+        return self._send_poses([pose.header.frame_id or frame for pose in path.poses], path.poses)
+
+    def followWaypoints(self, poses: Sequence[PoseStamped]) -> bool:  # noqa: N802
+        """Drive to each pose within the tolerances, one after the other; a pose that is not reached ends the task.
+
+        :meth:`isTaskComplete` sends the next pose.
+        """
+        if not self.goThroughPoses(poses[:1]):
+            return False
+        self._waypoints = list(poses[1:])
+        return True
+
+    def _next_waypoint(self) -> bool:
+        """Send the next waypoint if the last one was reached; return True if it is accepted."""
+        if not self._waypoints or self.getResult() != TaskResult.SUCCEEDED:
+            return False
+        pose, self._waypoints = self._waypoints[0], self._waypoints[1:]
+        self._waypoint += 1
+        return self._send_poses([pose.header.frame_id or self.frame], [pose])
+
+    def _send_poses(self, names: list[str], poses: Sequence[PoseStamped]) -> bool:
+        """Send poses that are all in the frame ``names[0]``."""
+        if (number := len(set(names))) != 1:
+            self.error(f"{len(poses)} poses in {number} frames: must be at least one, in one frame")
+            return False
         try:
-            if len(frames) != 1:
-                raise GoalRefusedError(
-                    f"{len(poses)} poses in {len(frames)} frames: must be at least one, in one frame"
-                )
-            self._present = self
-            self.send_goal([pose_of(pose.pose) for pose in poses], frames.pop())
+            return self._send(self, [pose_of(pose.pose) for pose in poses], names[0])
+        except BadMessageError as error:
+            self.error(str(error))
+            return False
+
+    def _send(self, client: GoalClient, poses: list[Pose], frame: str = "") -> bool:
+        """Send a goal by one of the two clients; return True if it is accepted, otherwise log the reason."""
+        self._present = client
+        try:
+            client.send_goal(poses, frame)
         except DiffbotError as error:
-            self.get_logger().error(str(error))
+            self.error(str(error))
             return False
         return True
 
     def dock(self, controller: str = "dock_controller") -> bool:
-        """Begin to dock where ``docking_node`` sees a dock; False, with a line in the log, if that is refused.
+        """Start to dock where ``docking_node`` detects a dock; return False, with a line in the log, if it is refused.
 
-        Drive to a pose from which it is seen first; feedback, end and cancellation are as of :meth:`goToPose`.
+        The robot has to be at a pose from which it detects the dock. Feedback, end and cancellation are those of
+        :meth:`goToPose`.
         """
         return self._send_in_dock(Pose(0.0, 0.0, 0.0), controller)
 
     def undock(self, distance: float = 0.7, backward: bool = False, controller: str = "dock_controller") -> bool:
-        """Begin to drive out along the dock's axis until ``distance`` [m] before the docked pose.
+        """Start to drive out along the dock's axis until ``distance`` [m] before the docked pose.
 
         Args:
             distance: [m].
@@ -164,33 +212,71 @@ class Navigator(GoalClient):
         if self._docking is None or self._docking.controller != controller:
             if self._docking is not None:
                 self._docking.close(shut_down=False)
-            name, namespace = self._names
-            self._docking = GoalClient(name, namespace, **self._options | {"controller": controller, "frame": "dock"})
-        self._present = self._docking
-        try:
-            self._docking.send_goal([pose])
-        except DiffbotError as error:
-            self.get_logger().error(str(error))
-            return False
-        return True
+            own = {"controller": controller, "frame": "dock", "prefix": "dock/"}
+            self._docking = GoalClient(*self._dock_names, **self._options | own)
+        self._waypoints, self._waypoint = [], 0
+        return self._send(self._docking, [pose])
 
-    def isTaskComplete(self) -> bool:  # noqa: N802
-        """Handle messages for at most 0.1 s; True if the newest goal has ended, or there is none."""
-        return not self._present.task.id or self._present.wait_for_end(0.1)
+    def isTaskComplete(self, task: Any = None) -> bool:  # noqa: N802
+        """Handle messages for at most 0.1 s; return True if the newest task has ended, or there is none.
 
-    def getFeedback(self) -> Feedback | None:  # noqa: N802
-        """Return the newest feedback of the goal, None before the first."""
-        return self._present.task.feedback
+        ``task`` exists for programs written for newer versions of Nav2, and is ignored, here and below.
+        """
+        return not self._present.task.id or (self._present.wait_for_end(0.1) and not self._next_waypoint())
 
-    def getResult(self) -> TaskResult:  # noqa: N802
+    def getFeedback(self, task: Any = None) -> TaskFeedback | None:  # noqa: N802
+        """Return the newest feedback of the goal; None before the first feedback."""
+        feedback = self._present.task.feedback
+        return feedback and feedback._replace(current_waypoint=self._waypoint)
+
+    def getResult(self, task: Any = None) -> TaskResult:  # noqa: N802
         """Return how the newest goal ended: UNKNOWN before its end, or if the controller was restarted."""
         return _RESULTS.get(self._present.task.end, TaskResult.FAILED)
 
     def getReason(self) -> str:  # noqa: N802
-        """Return the end of the newest goal in words, such as ``not reached: hunting: ...``; empty before it."""
-        task = self._present.task
-        return f"{task.end}: {task.reason}" if task.reason else task.end
+        """Return the end of the newest goal in words, such as ``not reached: no progress ...``, or an empty text."""
+        return self._present.task.text
 
     def cancelTask(self) -> bool:  # noqa: N802
         """Cancel the newest goal and wait until the robot is at rest, at most 5 s; see :meth:`GoalClient.cancel`."""
+        self._waypoints = []
         return self._present.cancel()
+
+    def lifecycleStartup(self) -> bool:  # noqa: N802
+        """Configure and activate the ekf, if there is one, and the controller; return True if both are active."""
+        return self._bring(("ekf", self.controller), _STARTUP, "active")
+
+    def lifecycleShutdown(self) -> bool:  # noqa: N802
+        """Shut the controller and the ekf down for good, so the robot stops; return True if both are shut down."""
+        return self._bring((self.controller, "ekf"), _SHUTDOWN, "finalized")
+
+    def _bring(self, names: tuple[str, ...], transitions: dict[str, str], goal: str) -> bool:
+        """Request transitions until each node has none left; an ekf may be missing, the controller may not."""
+        labels: dict[str, str] = {}
+        for name in names:
+            while (answer := self._call(GetState, f"{name}/get_state", GetState.Request())) is not None:
+                label = answer.current_state.label
+                if label not in transitions:
+                    labels[name] = label
+                    break
+                request = ChangeState.Request()
+                request.transition.label = transitions[label]
+                changed = self._call(ChangeState, f"{name}/change_state", request)
+                if changed is None or not changed.success:
+                    self.error(f"{name}: the transition {transitions[label]} has failed: see its log")
+                    return False
+        if self.controller not in labels:
+            self.error(f"no answer from {self.controller}: does it run, with the same ROS_DOMAIN_ID?")
+        return labels.get(self.controller) == labels.get("ekf", goal) == goal
+
+    def _call(self, kind: Any, name: str, request: Any) -> Any:
+        """Call a service; return None if there is none."""
+        client = self.create_client(kind, name)
+        try:
+            if self.spin_until(client.service_is_ready, _SERVICE_TIMEOUT):
+                future = client.call_async(request)
+                if self.spin_until(future.done, _SERVICE_TIMEOUT):
+                    return future.result()
+            return None
+        finally:
+            self.destroy_client(client)

@@ -1,6 +1,7 @@
 """TF: the transforms that a node looks up, and ``map`` -> ``odom``, which the ekf sends.
 
-tf2 exists in full ROS installations only; where it is missing, its absence is logged.
+tf2_ros exists in full ROS installations only. Without it a node receives static transforms itself, if tf2_msgs is
+installed. Without both there are no transforms.
 """
 
 from __future__ import annotations
@@ -11,25 +12,27 @@ from rclpy.time import Time
 
 from diffbot_control.ros.messages.conversions import TFMessage, transform_message
 from diffbot_control.ros.messages.fields import stamp_ns
-from diffbot_control.ros.transforms import NO_TRANSFORMS, Transforms
+from diffbot_control.ros.transforms import NO_TRANSFORMS, StaticTransforms, Transforms
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose, origin_of_frame
-from diffbot_core.ros.qos import TRANSFORMS
-from diffbot_core.units import NS_PER_S
+from diffbot_core.ros.qos import STATIC_TRANSFORMS, TRANSFORMS
+from diffbot_core.stamps import NS_PER_S
 
-TF_TOPIC = "/tf"
+TF_TOPIC, STATIC_TOPIC = "/tf", "/tf_static"
 
 
 class Tf2Transforms:
-    """The transforms that tf2_ros receives for a node."""
+    """Transforms that tf2_ros receives for a node."""
+
+    available = True
 
     def __init__(self, tf2_ros: Any, node: Any, tolerance: float) -> None:
-        """Listen to /tf and /tf_static.
+        """Subscribe to /tf and /tf_static.
 
         Args:
             tf2_ros: the module.
             node: the node that spins.
-            tolerance: [s] by which the newest transform may be older than what is to be transformed.
+            tolerance: [s] by which the newest transform may be older than the pose or vector to transform.
         """
         self._tf2_ros = tf2_ros
         self._tolerance = round(tolerance * NS_PER_S)
@@ -54,10 +57,22 @@ class Tf2Transforms:
 def transforms_of(node: Any, tolerance: float) -> Transforms:
     """Return the transforms that ``node`` can look up; ``tolerance`` is that of :class:`Tf2Transforms` [s]."""
     try:
-        import tf2_ros  # noqa: PLC0415 - not everywhere
+        import tf2_ros  # noqa: PLC0415 - not installed everywhere
     except ImportError:
-        return NO_TRANSFORMS
+        return NO_TRANSFORMS if TFMessage is None else received_transforms(node)
     return Tf2Transforms(tf2_ros, node, tolerance)
+
+
+def received_transforms(node: Any) -> StaticTransforms:
+    """Return the static transforms that ``node`` receives on /tf_static from now on."""
+    found = StaticTransforms()
+
+    def receive(message: Any) -> None:
+        for one in message.transforms:
+            found.add(one.header.frame_id, one.child_frame_id, one.transform)
+
+    node.create_subscription(TFMessage, STATIC_TOPIC, receive, STATIC_TRANSFORMS)
+    return found
 
 
 class TransformSender:
@@ -67,10 +82,10 @@ class TransformSender:
         """Create the publisher of /tf.
 
         Args:
-            node: that gets it.
+            node: the node that publishes.
             map_frame: the parent.
             odom_frame: the child, with its prefix.
-            tolerance: [s] by which stamps are set into the future: so long the transform is valid, as with AMCL.
+            tolerance: [s] by which stamps are set into the future, which is how long a transform is valid, as in AMCL.
         """
         self._frames = map_frame, odom_frame
         self._tolerance = round(tolerance * NS_PER_S)
@@ -83,7 +98,7 @@ class TransformSender:
 
 
 def transform_sender(node: Any, map_frame: str, odom_frame: str, tolerance: float) -> TransformSender | None:
-    """Return a sender, or None, logged once, where tf2_msgs is missing."""
+    """Return a sender; without tf2_msgs, log that and return None."""
     if TFMessage is None:
         node.get_logger().info("tf2_msgs is not installed: no TF is published")
         return None

@@ -1,4 +1,4 @@
-"""Managed nodes: configured, activated and deactivated by services, as Nav2's lifecycle manager does it, or by itself.
+"""Managed nodes: configured, activated and deactivated by services, as by Nav2's lifecycle manager, or by themselves.
 
 The states are those of https://design.ros2.org/articles/node_lifecycle.html. *Unconfigured* nodes have their parameters
 and their diagnostics only; *inactive* ones receive messages and do not act on them; *active* ones work. With the
@@ -8,7 +8,6 @@ parameter ``autostart`` a node is active before it is ready.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import wraps
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -16,8 +15,7 @@ from lifecycle_msgs.srv import ChangeState
 from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState, TransitionCallbackReturn
 
 from diffbot_core.errors import DiffbotError
-from diffbot_core.ros.faults import one_line
-from diffbot_core.ros.node import DiffbotNode
+from diffbot_core.ros.node import DiffbotNode, one_line
 from diffbot_core.schema import C
 
 UNCONFIGURED, INACTIVE = "unconfigured", "inactive"
@@ -31,17 +29,14 @@ _SUCCESS, _FAILURE, _ERROR = (
 class ManagedNode(LifecycleNodeMixin, DiffbotNode[C]):  # type: ignore[misc]
     """A DiffbotNode with the states and services of a lifecycle node.
 
-    A node creates its publishers, subscriptions, services and timers in :meth:`configure`; they are destroyed when it
-    is cleaned up. Its configuration has the fields of LifecycleConfig.
+    A node creates its publishers, subscriptions, services and timers in :meth:`configure`; the cleanup destroys them.
+    Its configuration has the fields of LifecycleConfig.
     """
-
-    _configuration: object | None = None
-    """identifies the time from one configuration to its end; None between them"""
 
     def __init__(
         self, name: str, config_type: type[C], presets: Mapping[str, C] | None = None, **node_options: Any
     ) -> None:
-        """Create the node, see :class:`DiffbotNode`; with ``autostart`` it is active then.
+        """Create the node, see :class:`DiffbotNode`; with ``autostart`` it is active afterwards.
 
         Raises:
             DiffbotError: if the value of a parameter is not allowed, or the node cannot be configured or activated.
@@ -60,23 +55,23 @@ class ManagedNode(LifecycleNodeMixin, DiffbotNode[C]):  # type: ignore[misc]
                     raise self._failure or DiffbotError(f"{transition.__name__} failed")
 
     def configure(self) -> None:
-        """Create what the node works with, from its present configuration.
+        """Create publishers, subscriptions and other resources from the present configuration.
 
         Raises:
-            DiffbotError: if that is not possible; the node stays unconfigured.
+            DiffbotError: if a resource cannot be created; the node stays unconfigured.
         """
 
     def activate(self) -> None:
-        """Begin to work."""
+        """Start to work."""
 
     def deactivate(self) -> None:
         """Stop working, while messages can still be sent."""
 
     def cleanup(self) -> None:
-        """Release what is neither publisher, subscription, client, service nor timer: these are destroyed after it."""
+        """Release other resources; publishers, subscriptions, clients, services and timers are destroyed afterwards."""
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Configure the node; nothing remains of a failed attempt."""
+        """Configure the node, and destroy everything again if that fails."""
         self._failure = None
         self._configuration = object()
         result = self._attempt(self.configure)
@@ -99,20 +94,17 @@ class ManagedNode(LifecycleNodeMixin, DiffbotNode[C]):  # type: ignore[misc]
         return self._end_activity()
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Destroy what was configured."""
+        """Clean up: destroy what :meth:`configure` created."""
         self._failure = None
         return self._end_configuration()
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Deactivate and clean up for good; the process waits for its signal, as Nav2's do."""
+        """Deactivate and clean up for good; the process waits for a signal, as Nav2's processes do."""
         self._failure = None
-        return self._end_all()
+        return self.on_error(state)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Return to unconfigured after a transition that raised; the reason stays in /diagnostics."""
-        return self._end_all()
-
-    def _end_all(self) -> TransitionCallbackReturn:
         deactivated = self._end_activity() if self.is_active else _SUCCESS
         cleaned_up = self._end_configuration()
         return cleaned_up if deactivated == _SUCCESS else deactivated
@@ -137,9 +129,9 @@ class ManagedNode(LifecycleNodeMixin, DiffbotNode[C]):  # type: ignore[misc]
             self.cleanup()
 
     def destroy_node(self) -> None:
-        """Destroy the node with its state machine, whose publisher of ~/transition_event rclpy would keep."""
+        """Destroy the node and its state machine; rclpy would keep the publisher of ~/transition_event."""
         super().destroy_node()
-        # None of a node whose parameters were refused.
+        # A node whose parameters were refused has no state machine.
         machine = getattr(self, "_state_machine", None)
         if machine is not None:
             # Last: the services of the node are handles of it.
@@ -148,7 +140,7 @@ class ManagedNode(LifecycleNodeMixin, DiffbotNode[C]):  # type: ignore[misc]
     def diagnosis(self) -> tuple[int, str, dict[str, str]]:
         """Return level, message and values for /diagnostics.
 
-        The state of a node that is not active is no fault, but a failed transition is, until the next one succeeds.
+        A node that is not active has no fault, but a failed transition is one, until the next transition succeeds.
         """
         if self.is_active:
             return super().diagnosis()
@@ -160,7 +152,7 @@ class ManagedNode(LifecycleNodeMixin, DiffbotNode[C]):  # type: ignore[misc]
         return DiagnosticStatus.ERROR[0], f"{state}; {self._failure}", values
 
     def _attempt(self, work: Callable[[], None]) -> TransitionCallbackReturn:
-        """Run the work of a transition and keep its first failure; rclpy would drop what the work raises."""
+        """Do the work of a transition and keep its first failure, because rclpy drops exceptions of the work."""
         name, result = work.__name__, _SUCCESS
         try:
             work()
@@ -176,7 +168,7 @@ class ManagedNode(LifecycleNodeMixin, DiffbotNode[C]):  # type: ignore[misc]
         return result
 
     def _entities(self) -> dict[Any, Callable[[Any], Any]]:
-        """Return all publishers and the like of the node, with what destroys each."""
+        """Return all publishers, subscriptions, clients, services and timers, with the function that destroys each."""
         kinds = (
             (self.publishers, self.destroy_publisher),
             (self.subscriptions, self.destroy_subscription),
@@ -186,48 +178,33 @@ class ManagedNode(LifecycleNodeMixin, DiffbotNode[C]):  # type: ignore[misc]
         )
         return {entity: destroy for entities, destroy in kinds for entity in entities}
 
-    def contained(self, callback: Callable[..., Any], where: str) -> Callable[..., Any]:
-        """Return ``callback`` with :meth:`contain` around it; once what it was made for is destroyed, it does nothing.
-
-        The executor may have taken it before, together with the request that cleans the node up.
-        """
-        guarded, configuration = super().contained(callback, where), self._configuration
-        if configuration is None:
-            return guarded
-
-        @wraps(callback)
-        def current(*arguments: Any) -> Any:
-            return guarded(*arguments) if self._configuration is configuration else None
-
-        return current
-
     def _destroy_entities(self) -> None:
-        """Destroy what was created since the node itself was."""
+        """Destroy all entities that were created after the constructor."""
         self._configuration = None
         for entity, destroy in self._entities().items():
             if entity not in self._kept:
                 destroy(entity)
 
     def _guard_requests(self) -> None:
-        """Refuse a transition that the present state does not have; in rclpy 7.1 such a request ends the node."""
+        """Refuse a transition that the present state does not have, because in rclpy 7.1 it would end the node."""
         service = next(one for one in self.services if one.srv_type is ChangeState)
         change: Callable[[Any, Any], Any] = service.callback
 
         def guarded(request: Any, response: Any) -> Any:
             asked = request.transition.label or request.transition.id
-            if not any(asked in transition[:2] for transition in self._state_machine.available_transitions):
-                self.get_logger().warning(f"no transition {asked} from {self._state_machine.current_state[1]}: refused")
-                response.success = False
-                return response
-            return change(request, response)
+            if any(asked in transition[:2] for transition in self._state_machine.available_transitions):
+                return change(request, response)
+            self.get_logger().warning(f"no transition {asked} from {self._state_machine.current_state[1]}: refused")
+            response.success = False
+            return response
 
         service.callback = guarded
         for one in self.services:
             if one.srv_type.__module__.startswith("lifecycle_msgs."):
-                # These are made without create_service().
+                # rclpy creates these services without create_service().
                 one.callback = self.contained_service(one.callback, one.service_name)
 
 
 def _ended(result: TransitionCallbackReturn) -> TransitionCallbackReturn:
-    """Return the result of a transition that ends something: after a failure the node is not what it was before."""
+    """Return ERROR for FAILURE: after a failed deactivation or cleanup the node cannot return to its former state."""
     return _ERROR if result == _FAILURE else result

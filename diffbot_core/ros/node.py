@@ -1,62 +1,67 @@
-"""Base of all nodes: checked parameters, guarded subscriptions, health reports, executor, signals and exit status."""
+"""Base class of all nodes: checked parameters, contained callbacks, counted messages and /diagnostics."""
 
 from __future__ import annotations
 
-import os
-import signal
-import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack
-from contextvars import ContextVar
-from typing import Any, Generic
+import traceback
+from collections.abc import Callable, Mapping
+from functools import wraps
+from typing import Any, Generic, cast
 
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
-from rclpy.exceptions import InvalidParameterTypeException, ParameterException
-from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
-from rclpy.logging import LoggingSeverity, get_logger_effective_level, set_logger_level
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
-from rclpy.signals import SignalHandlerOptions
 
+from diffbot_core.endpoints import input_problem
 from diffbot_core.errors import BadMessageError, DiffbotError
 from diffbot_core.health import DROP_MEMORY, Health
-from diffbot_core.parameter_files import GivenFiles
-from diffbot_core.ros.base_node import BaseNode
-from diffbot_core.ros.clock_watch import ClockWatch
-from diffbot_core.ros.delivery import await_readers
-from diffbot_core.ros.fault_parameters import FaultConfig
-from diffbot_core.ros.faults import FaultRecord, is_refusal, one_line
-from diffbot_core.ros.forced_exit import forced_exit
-from diffbot_core.ros.parameters import NodeParameters, overrides_of
-from diffbot_core.ros.publisher_watch import PublisherWatch
-from diffbot_core.ros.qos import LATCHED as LATCHED  # noqa: PLC0414 - re-exported, as is QUEUE
-from diffbot_core.ros.qos import QUEUE as QUEUE  # noqa: PLC0414
+from diffbot_core.ros.parameters import CheckedParameters, overrides_of
+from diffbot_core.ros.qos import PUBLISHER, QUEUE, SUBSCRIPTION, overridable
+from diffbot_core.ros.watches import (
+    CLOCK_TOPIC,
+    ClockWatch,
+    PublisherWatch,
+    published_elsewhere,
+    publishers_of,
+    subscriptions_of,
+)
 from diffbot_core.schema import C
+from diffbot_core.yaml_files import GivenFiles
 
+MAX_ENTRIES = 1000
+"""largest number of entries in a request to a parameter service; rclpy handles a million names for seconds"""
 DIAGNOSTICS_PERIOD = 1.0
 """[s] between two /diagnostics messages of a node"""
-SPIN_TIMEOUT = 0.05
-"""[s] maximum time between two checks of the signal flag"""
-END_TIMEOUT = 4
-"""[s] for the middleware to destroy all nodes; ros2 launch sends its next signal 5 s after the first one"""
+
+_AROUND = (__name__, "diffbot_core.ros.run")
+"""modules that lie between rclpy and the code of a node"""
 
 
-_files_of_process: ContextVar[GivenFiles | None] = ContextVar("parameter files of this process", default=None)
-"""as rclpy's overrides, which come from them: of the process, not of a node"""
+class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
+    """A node with checked parameters (``config``), contained callbacks and a report on /diagnostics once a second.
 
+    rclpy calls the functions of a node through one function, made by :meth:`contained`. An exception that leaves a
+    callback would end rclpy's spinning, and its EventsExecutor would call no further callback. So a node contains what
+    its callbacks raise, including the callbacks that rclpy itself registers (parameter services, /clock).
+    """
 
-class DiffbotNode(BaseNode, Generic[C]):
-    """A node with checked parameters (``config``), guarded subscriptions and a 1 Hz report on /diagnostics."""
-
-    _checked_parameters: NodeParameters[C]
+    files: GivenFiles | None = None
+    """the parameter files of this process; set by :func:`diffbot_core.ros.run.run`"""
+    qos_by_parameters = True
+    """False for a node without parameters ``qos_overrides...``, whose topics are those of a bag"""
     is_configured = True
     """False while a managed node has only its parameters"""
     is_active = True
     """False while a managed node does not work"""
     moves_the_robot = False
-    """True for a node that has to stop the robot before others end"""
+    """True for a node that stops the robot before other nodes end"""
+    _checked_parameters: CheckedParameters[C] | None = None
+    _configuration: object | None = None
+    """identity of the present configuration of a managed node; callbacks of an earlier configuration do nothing"""
 
     def __init__(
         self, name: str, config_type: type[C], presets: Mapping[str, C] | None = None, **node_options: Any
@@ -70,108 +75,217 @@ class DiffbotNode(BaseNode, Generic[C]):
             node_options: options of rclpy's Node.
 
         Raises:
-            DiffbotError: if the value of a parameter is not allowed.
+            DiffbotError: if the value of a parameter is not allowed, or the middleware refuses the node, for example
+                because DDS Security is enforced and missing.
         """
-        super().__init__(name, **node_options)
+        self.health = Health()
+        self.faults = FaultRecord()
+        self.exit_code: int | None = None
+        self._subscribed: dict[str, Any] = {}
         try:
-            if files := _files_of_process.get():
-                files.meet(self.get_fully_qualified_name())
+            super().__init__(name, **node_options)
+        except rclpy_implementation.RCLError as error:
+            raise DiffbotError(f"cannot create the node {name}: {' '.join(str(error).split())}") from error
+        try:
+            if self.files is not None:
+                self.files.add_node(self.get_fully_qualified_name())
             config_type, presets = self.parameter_set(config_type, presets, overrides_of(self))
-            self._checked_parameters = NodeParameters(self, config_type, self._use_config, presets)
+            self._checked_parameters = CheckedParameters(self, config_type, self._use_config, presets)
         except BaseException:
             self.destroy_node()
             raise
-        self.health = Health()
-        self.faults = FaultRecord()
         self.clock_watch = ClockWatch(self)
         self.publisher_watch = PublisherWatch(self)
-        self.exit_code: int | None = None
         self.steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", QUEUE)
-        self._last_report = self.steady_clock.now().nanoseconds
+        self._last_report = time.monotonic()
         self.create_timer(DIAGNOSTICS_PERIOD, self._report, clock=self.steady_clock)
 
     @property
     def config(self) -> C:
-        """The present configuration, always valid."""
-        return self._checked_parameters.config
+        """The present configuration, which is always valid."""
+        return cast("CheckedParameters[C]", self._checked_parameters).config
+
+    @property
+    def checked_parameters(self) -> CheckedParameters[C]:
+        """The parameters behind the configuration."""
+        return cast("CheckedParameters[C]", self._checked_parameters)
 
     def parameter_set(
         self, config_type: type[C], presets: Mapping[str, C] | None, overrides: Mapping[str, Any]
     ) -> tuple[type[C], Mapping[str, C] | None]:
         """Return configuration type and presets, for nodes whose parameters depend on one of the ``overrides``.
 
-        Called once, before the parameters are declared.
+        The constructor calls it once, before it declares the parameters.
         """
         return config_type, presets
 
     def on_config(self, config: C) -> None:
-        """Called after a change of parameters, for nodes that keep values derived from them."""
+        """Update values that depend on parameters; called after each change of parameters."""
 
     def _use_config(self, config: C) -> None:
         if self.is_configured:
             self.on_config(config)
 
     def halt(self) -> None:
-        """Called after an internal error, for nodes that move the robot: it has to stop, and nothing may move it."""
+        """Stop the robot; called after an internal error, for nodes that move the robot."""
+
+    def before_shutdown(self) -> None:
+        """Stop the robot, or close a file; called once at the end, while messages can still be sent."""
+
+    def finish(self, exit_code: int) -> None:
+        """End the process with this exit status as soon as the present callback returns."""
+        self.exit_code = exit_code
+
+    def contained(self, callback: Callable[..., Any], where: str, *, counted: bool = False) -> Callable[..., Any]:
+        """Return the one function between rclpy and a callback.
+
+        Args:
+            callback: function of the node. If it raises, :meth:`contain` is called, and the result is None.
+            where: topic, service or timer of the callback.
+            counted: count each message that the callback accepts.
+        """
+        configuration = self._configuration
+
+        @wraps(callback)
+        def call(*arguments: Any) -> Any:
+            if configuration is not None and configuration is not self._configuration:
+                # The executor had already taken this callback when the request to clean up destroyed its entity.
+                return None
+            try:
+                result = callback(*arguments)
+            except Exception as error:
+                self.contain(error, where)
+                return None
+            if counted:
+                self.health.accept(where, time.monotonic())
+            return result
+
+        return call
 
     def contain(self, error: Exception, where: str) -> None:
-        """Record what the callback of ``where`` raised, so that the node works on; after an internal error, halt."""
-        if is_refusal(error):
-            kind = error.kind if isinstance(error, BadMessageError) else type(error).__name__
-            if self.health.drop(where, f"malformed, {kind}"):
-                self.get_logger().warning(f"{where}: refused: {one_line(error)} (logged once; see /diagnostics)")
+        """Handle an error of the callback of ``where``: count a bad message, or halt after an internal error."""
+        if is_bad_input(error):
+            kind = error.kind if isinstance(error, BadMessageError) else f"malformed, {type(error).__name__}"
+            text = " ".join(str(error).split())
+            if self.health.drop(where, kind, text):
+                self.get_logger().warning(f"{where}: message dropped: {text} (logged once; see /diagnostics)")
             return
         self.health.counted["internal errors"] += 1
-        if self.faults.add(error, where):
-            self.get_logger().error(f"{self.faults.newest} (logged once)\n{self.faults.trace}")
+        self._log_fault(error, where)
         try:
             self.halt()
         except Exception as failure:
-            if self.faults.add(failure, "the halt"):
-                self.get_logger().error(f"{self.faults.newest} (logged once)\n{self.faults.trace}")
-        if getattr(self.config, "faults", FaultConfig()).exit_on_error:
+            self._log_fault(failure, "the halt")
+        faults = getattr(self.config, "faults", None)
+        if faults is not None and faults.exit_on_error:
             self.finish(1)
 
-    def before_shutdown(self) -> None:
-        """Called once, while messages can still be sent: to stop the robot or to close a file."""
+    def _log_fault(self, error: Exception, where: str) -> None:
+        if self.faults.add(error, where):
+            self.get_logger().error(f"{self.faults.newest} (logged once)\n{self.faults.trace}")
 
-    def finish(self, exit_code: int) -> None:
-        """End the spin loop of :func:`run` with this exit status."""
-        self.exit_code = exit_code
+    def contained_service(self, callback: Callable[[Any, Any], Any], name: str) -> Callable[[Any, Any], Any]:
+        """Return the function between rclpy and the callback of a service, which also answers a call that fails."""
+
+        def call(request: Any, response: Any) -> Any:
+            try:
+                for field in ("parameters", "names", "prefixes"):
+                    if (length := len(getattr(request, field, ()))) > MAX_ENTRIES:
+                        raise BadMessageError("too long", f"{field} of length {length}: must be <= {MAX_ENTRIES}")
+                return callback(request, response)
+            except Exception as error:
+                self.contain(error, name)
+                return refusal(request, response, one_line(error))
+
+        return call
 
     def subscribe(
-        self,
-        message_type: Any,
-        topic: str,
-        callback: Callable[[Any], None],
-        qos: QoSProfile = QUEUE,
-        raw: bool = False,
+        self, message_type: Any, topic: str, callback: Callable[[Any], None], qos: QoSProfile = QUEUE, raw: bool = False
     ) -> Any:
-        """Subscribe; a BadMessageError of ``callback`` drops the message, which is counted and logged once per kind.
+        """Create a subscription whose messages are counted in /diagnostics.
 
-        With ``raw`` the callback receives the message's bytes.
+        If ``callback`` raises a BadMessageError, the node drops and counts the message, and logs the first of its kind.
+        With ``raw`` the callback receives the bytes of the message.
         """
+        subscription = self._subscribe(message_type, topic, self.contained(callback, topic, counted=True), qos, raw=raw)
+        self._subscribed[topic] = subscription
+        return subscription
 
-        def guarded(message: Any) -> None:
+    def input_problem(self, topic: str) -> str:
+        """Return why the node accepts no message of a topic, because it drops them or none can arrive; may be empty."""
+        if dropped := self.health.newest_drop(topic, time.monotonic()):
+            return f"drops {topic}: {dropped}"
+        if (subscription := self._subscribed.get(topic)) is None:
+            return ""
+        name, full_topic = self.get_fully_qualified_name(), subscription.topic_name
+        own = [one for one in subscriptions_of(self, full_topic) if one.node == name]
+        if not own:
+            return ""
+        publishers = publishers_of(self, full_topic)
+        elsewhere = () if publishers else published_elsewhere(self, full_topic, own[0].type)
+        return input_problem(full_topic, own[0], publishers, elsewhere)
+
+    def create_subscription(
+        self, msg_type: Any, topic: str, callback: Any, qos_profile: QoSProfile | int, **options: Any
+    ) -> Any:
+        """Create a subscription without counting its messages."""
+        return self._subscribe(msg_type, topic, self.contained(callback, topic), qos_profile, **options)
+
+    def _subscribe(self, kind: Any, topic: str, callback: Any, qos: QoSProfile | int, **options: Any) -> Any:
+        qos = self._with_overrides(topic, SUBSCRIPTION, qos, options)
+        return super().create_subscription(kind, topic, callback, qos, **options)
+
+    def create_publisher(self, msg_type: Any, topic: str, qos_profile: QoSProfile | int, **options: Any) -> Any:
+        """Create a publisher.
+
+        Raises:
+            InvalidValueError: naming the parameter, if the value of a QoS override is not allowed.
+        """
+        qos = self._with_overrides(topic, PUBLISHER, qos_profile, options)
+        return super().create_publisher(msg_type, topic, qos, **options)
+
+    def _with_overrides(self, topic: str, entity: str, qos: QoSProfile | int, options: dict[str, Any]) -> Any:
+        """Return the profile changed by the parameters ``qos_overrides...``, and add rclpy's options for them."""
+        # rclpy subscribes to /clock whenever use_sim_time is set, and creates publishers before there are parameters.
+        if not self.qos_by_parameters or self._checked_parameters is None or topic == CLOCK_TOPIC:
+            return qos
+        name = self.resolve_topic_name(topic)
+        qos, options["qos_overriding_options"] = overridable(qos, overrides_of(self), name, entity)
+        return qos
+
+    def create_service(self, srv_type: Any, srv_name: str, callback: Any, **options: Any) -> Any:
+        """Create a service."""
+        return super().create_service(srv_type, srv_name, self.contained_service(callback, srv_name), **options)
+
+    def create_timer(self, timer_period_sec: float, callback: Any, *arguments: Any, **options: Any) -> Any:
+        """Create a timer."""
+        name = f"the timer {getattr(callback, '__name__', 'callback').strip('_')}"
+        return super().create_timer(timer_period_sec, self.contained(callback, name), *arguments, **options)
+
+    def set_parameters(self, parameter_list: list[Parameter]) -> list[SetParametersResult]:
+        """Change parameters one by one."""
+        return [self.set_parameters_atomically([one]) for one in parameter_list]
+
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        """Change all parameters or none; the parameter services also call this method.
+
+        It checks the values before rclpy does, because rclpy's messages name neither value nor bound.
+        """
+        if self._checked_parameters is not None:
             try:
-                callback(message)
-            except BadMessageError as error:
-                if self.health.drop(topic, error.kind):
-                    self.get_logger().warning(f"{topic}: message dropped: {error} (logged once; see /diagnostics)")
-            else:
-                self.health.accept(topic, time.monotonic())
-
-        return self.create_subscription(message_type, topic, guarded, qos, raw=raw)
+                parameter_list = self._checked_parameters.converted(parameter_list)
+            except DiffbotError as error:
+                return SetParametersResult(successful=False, reason=str(error))
+        return super().set_parameters_atomically(parameter_list)
 
     def health_level(self) -> tuple[int, str]:
-        """Return level and message for /diagnostics; nodes with a state add it."""
+        """Return level and message for /diagnostics; a node with a state adds the state."""
         if self.faults.newest:
             return DiagnosticStatus.ERROR[0], self.faults.newest
         if watches := [one for one in (self.clock_watch, self.publisher_watch) if one.problem]:
             return max(one.level for one in watches), "; ".join(one.problem for one in watches)
-        dropped = self.health.recent_drops(time.monotonic())
-        if dropped:
+        if dropped := self.health.recent_drops(time.monotonic()):
             return DiagnosticStatus.WARN[0], f"{dropped} messages dropped in the last {DROP_MEMORY:g} s"
         return DiagnosticStatus.OK[0], "ok"
 
@@ -186,10 +300,9 @@ class DiffbotNode(BaseNode, Generic[C]):
     def _report(self) -> None:
         self.clock_watch.check()
         self.publisher_watch.check(self.is_active)
-        now = self.steady_clock.now().nanoseconds
-        level, text, details = self.diagnosis()  # first, since it may set notes of the report
-        values = self.health.report((now - self._last_report) * 1e-9) | details
-        values |= self.health.ages(time.monotonic())
+        now = time.monotonic()
+        level, text, details = self.diagnosis()
+        values = self.health.report(now - self._last_report) | details | self.health.ages(now)
         if self.faults.trace:
             values["traceback"] = self.faults.trace
         self._last_report = now
@@ -198,150 +311,58 @@ class DiffbotNode(BaseNode, Generic[C]):
         self._diagnostics.publish(message)
 
 
+class FaultRecord:
+    """The internal errors of one node; their number is bounded by the number of places in the code."""
+
+    def __init__(self) -> None:
+        """Start without an error."""
+        self.newest = ""
+        """the newest error in one line; empty if there was none"""
+        self.trace = ""
+        """the traceback of the newest error"""
+        self._known: set[tuple[str, str, int]] = set()
+
+    def add(self, error: Exception, where: str) -> bool:
+        """Record an error of the callback of ``where``; return True if it is the first of its type and place."""
+        self.newest = f"internal error in {where}: {one_line(error)}"
+        self.trace = "".join(traceback.format_exception(error))
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        key = type(error).__name__, place.filename, place.lineno or 0
+        is_new = key not in self._known
+        self._known.add(key)
+        return is_new
+
+
+def is_bad_input(error: Exception) -> bool:
+    """Return True if an error reports malformed input: a BadMessageError, or an error raised by rclpy alone.
+
+    An error counts as rclpy's own if no code of this project is in its traceback, apart from the modules that call
+    rclpy or are called by it for every callback.
+    """
+    if isinstance(error, BadMessageError):
+        return True
+    names = (str(frame.f_globals.get("__name__", "")) for frame, _ in traceback.walk_tb(error.__traceback__))
+    return not any(name == "__main__" or (name.startswith("diffbot_") and name not in _AROUND) for name in names)
+
+
+def refusal(request: Any, response: Any, reason: str) -> Any:
+    """Return the response of a failed service call, with ``reason`` where its type has a field for it."""
+    result = SetParametersResult(successful=False, reason=reason)
+    if hasattr(response, "results") and hasattr(request, "parameters"):
+        response.results.extend([result] * (min(len(request.parameters), MAX_ENTRIES) - len(response.results)))
+    elif hasattr(response, "result") and isinstance(response.result, SetParametersResult):
+        response.result = result
+    elif hasattr(response, "success") and hasattr(response, "message"):
+        response.success, response.message = False, reason
+    return response
+
+
+def one_line(error: BaseException) -> str:
+    """Return type and text of an error in one line."""
+    return f"{type(error).__name__}: {' '.join(str(error).split())}"
+
+
 def status_message(name: str, level: int, text: str, values: dict[str, str]) -> DiagnosticStatus:
     """Return a DiagnosticStatus; ``level`` is an integer, which the message holds as one byte."""
     pairs = [KeyValue(key=key, value=value) for key, value in values.items()]
     return DiagnosticStatus(name=name, level=bytes([level]), message=text, values=pairs)
-
-
-def make_executor(context: rclpy.Context | None = None) -> Executor:
-    """Return the executor of all nodes: rclpy's EventsExecutor, or the SingleThreadedExecutor where it is missing.
-
-    The EventsExecutor needs about a third of the CPU time. It must be driven by ``spin_once(timeout_sec=...)``: with
-    its ``spin()``, no callback runs in rclpy 7.1.6. ``DIFFBOT_EXECUTOR=single`` selects the SingleThreadedExecutor.
-    """
-    if os.environ.get("DIFFBOT_EXECUTOR", "events") != "single":
-        try:
-            from rclpy.experimental.events_executor import EventsExecutor  # noqa: PLC0415 - not in every rclpy
-        except ImportError:
-            rclpy.logging.get_logger("diffbot").info("no EventsExecutor in this rclpy: using SingleThreadedExecutor")
-        else:
-            return EventsExecutor(context=context)
-    return SingleThreadedExecutor(context=context)
-
-
-class StopFlag:
-    """Set by SIGINT and SIGTERM; further signals have no effect, so that the shutdown is not interrupted.
-
-    rclpy's own handlers would shut the context down at once, before a stop command is sent or a bag is closed.
-    """
-
-    def __init__(self) -> None:
-        """Install the handlers of this process."""
-        self.is_set = False
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._on_signal)
-
-    def _on_signal(self, _number: int, _frame: object) -> None:
-        self.is_set = True
-
-    def ignore(self) -> None:
-        """Ignore both signals until the process exits."""
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, signal.SIG_IGN)
-
-
-def run(factory: Callable[[], DiffbotNode[Any]], args: list[str] | None = None, *, shared_memory: bool = True) -> int:
-    """Run one node until a signal or its own :meth:`DiffbotNode.finish`; return the exit status of the process.
-
-    0 after a signal; 1, with one line on stderr, if the node cannot start. ``shared_memory`` as in
-    :func:`run_together`.
-    """
-    return run_together(lambda: (make() for make in (factory,)), args, shared_memory=shared_memory)
-
-
-def run_together(
-    make_nodes: Callable[[], Iterator[DiffbotNode[Any]]], args: list[str] | None = None, *, shared_memory: bool = True
-) -> int:
-    """Run several nodes on one executor until a signal, or until one of them ends; return the exit status.
-
-    Args:
-        make_nodes: creates one after the other; none handles a message before all are there. At the end those that
-            move the robot are shut down first, then the others in their order.
-        args: as of rclpy.init.
-        shared_memory: False makes Fast DDS use UDP alone, unless the environment says otherwise. When a process dies,
-            Fast DDS checks its shared memory in each other process, which can block publishing there for a second.
-
-    Returns:
-        The largest status of :meth:`DiffbotNode.finish`; otherwise see :func:`run`.
-    """
-    if not shared_memory:
-        os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
-    try:
-        words = sys.argv[1:] if args is None else args
-        files = GivenFiles(words[words.index("--ros-args") :] if "--ros-args" in words else ())
-    except DiffbotError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    stop = StopFlag()
-    try:
-        # Invalid arguments are reported once, below.
-        set_logger_level("rcl", LoggingSeverity.FATAL)
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-    except Exception as error:  # rclpy raises many types here, all for invalid arguments
-        print(f"error: invalid arguments: {_one_line(error)}", file=sys.stderr)
-        return 1
-    if get_logger_effective_level("rcl") == LoggingSeverity.FATAL:  # unless --log-level rcl:=... was given
-        set_logger_level("rcl", LoggingSeverity.UNSET)
-    nodes: list[DiffbotNode[Any]] = []
-    failed = True
-    token = _files_of_process.set(files)
-    try:
-        for node in make_nodes():
-            nodes.append(node)  # one by one: those made before a failure are destroyed, too
-        files.check_all_used()
-        _spin(nodes, stop)
-        failed = False
-    except (DiffbotError, ParameterException, InvalidParameterTypeException) as error:
-        print(f"error: {_one_line(files.located(error))}", file=sys.stderr)
-    finally:
-        _files_of_process.reset(token)
-        with ExitStack() as last_first:
-            # Python restores the default handlers when it exits; a second signal would then change the exit status.
-            last_first.callback(stop.ignore)
-            last_first.callback(_destroy, nodes, failed)
-            for node in sorted(reversed(nodes), key=lambda node: node.moves_the_robot):
-                last_first.callback(node.before_shutdown)
-    return _status(nodes, failed)
-
-
-def _status(nodes: list[DiffbotNode[Any]], failed: bool) -> int:
-    """Return the exit status; only now, since before_shutdown may fail, such as a recorder on a full disk."""
-    return max(int(failed), *(node.exit_code or 0 for node in nodes), 0)
-
-
-def _destroy(nodes: list[DiffbotNode[Any]], failed: bool) -> None:
-    with forced_exit(END_TIMEOUT, _status(nodes, failed)), ExitStack() as last_first:
-        last_first.callback(rclpy.try_shutdown)
-        for node in nodes:
-            last_first.callback(node.destroy_node)
-        last_first.callback(await_readers, nodes)
-
-
-def _spin(nodes: list[DiffbotNode[Any]], stop: StopFlag) -> None:
-    """Spin until the signal flag is set or one of the nodes ends."""
-    executor = _executor_of(nodes)
-    for node in nodes:
-        node.get_logger().info("ready")
-    while not stop.is_set and all(node.exit_code is None for node in nodes):
-        try:
-            executor.spin_once(timeout_sec=SPIN_TIMEOUT)
-        except ExternalShutdownException:
-            raise
-        except Exception as error:  # not of a callback: these are contained by their nodes
-            for node in nodes:
-                node.contain(error, "the executor")
-            executor.shutdown()
-            # After an exception an EventsExecutor calls nothing any more.
-            executor = _executor_of(nodes)
-
-
-def _executor_of(nodes: list[DiffbotNode[Any]]) -> Executor:
-    executor = make_executor()
-    for node in nodes:
-        executor.add_node(node)
-    return executor
-
-
-def _one_line(text: object) -> str:
-    return " ".join(str(text).split())

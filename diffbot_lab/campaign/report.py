@@ -1,21 +1,28 @@
-"""Results of a campaign: results.json, results.csv, results.parquet, heat maps and cumulative distributions."""
+"""``diffbot campaign``: run or resume a campaign, and write its results as JSON, CSV, pictures and a table."""
 
 from __future__ import annotations
 
 import csv
 import io
 import math
+import os
+import sys
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from diffbot_core.errors import DiffbotError
-from diffbot_core.files import replacing, write_json, write_text
-from diffbot_lab.campaign.spec import Campaign, code_version
+from diffbot_core.files import output_folder, write_json, write_text
+from diffbot_lab.campaign.journal import JOURNAL, Journal
+from diffbot_lab.campaign.runner import cluster_executor, process_pool, run_campaign
+from diffbot_lab.campaign.spec import Campaign, code_version, read_campaign
 from diffbot_lab.campaign.statistics import CellStatistics
 from diffbot_tools.plotting import new_figure, save
 
+RESULTS = "results.json"
 _ECDF_METRICS = (
     ("settling_time", "settling time [s]"),
     ("position_error", "final position error [m]"),
@@ -27,6 +34,47 @@ _MAX_LABELS = 30
 """Columns or rows of a heat map up to which each is labelled and each cell shows its number."""
 
 
+def run_and_report(
+    file: Path | None, flags: Mapping[str, Any], out: Path, workers: int | None, scheduler: str | None
+) -> int:
+    """Run or resume the campaign of a YAML file and flags; write its results to ``out``.
+
+    Returns:
+        0, or 130 if it was interrupted; finished chunks are kept.
+
+    Raises:
+        DiffbotError: for a bad description, another campaign's folder, an unreachable scheduler.
+    """
+    campaign = read_campaign(file, flags)
+    if scheduler is not None:
+        with cluster_executor(scheduler) as (make_executor, number):
+            return _run_on(make_executor, number, campaign, out)
+    number = workers or len(os.sched_getaffinity(0))
+    return _run_on(lambda: process_pool(number), number, campaign, out)
+
+
+def _run_on(make_executor: Callable[[], Executor], number: int, campaign: Campaign, out: Path) -> int:
+    """Run a campaign with ``number`` workers; see :func:`run_and_report`."""
+    with output_folder(out):
+        if (out / RESULTS).exists() and not (out / JOURNAL).exists():
+            raise DiffbotError(f"{out / RESULTS} is not of a campaign with a journal: choose another --out")
+        journal = Journal(out / JOURNAL, campaign)
+    if journal.damaged:
+        print(f"{journal.damaged} damaged lines of {out / JOURNAL} do not count: runs are repeated", file=sys.stderr)
+    try:
+        run_campaign(campaign, journal, make_executor, number)
+    except KeyboardInterrupt:
+        done, total = sum(one.runs for one in journal.statistics), campaign.options.runs * len(campaign.cells)
+        print(f"interrupted: {done} of {total} runs are kept; the same command goes on from there", file=sys.stderr)
+        return 130
+    finally:
+        journal.close()
+    print(table(campaign, journal.statistics))
+    for path in write_report(campaign, journal.statistics, out):
+        print(path)
+    return 0
+
+
 def write_report(campaign: Campaign, statistics: list[CellStatistics], folder: Path) -> list[Path]:
     """Write all results below ``folder`` and return their paths.
 
@@ -34,13 +82,11 @@ def write_report(campaign: Campaign, statistics: list[CellStatistics], folder: P
         DiffbotError: if something cannot be written.
     """
     rows = [{**cell.values, **one.summary()} for cell, one in zip(campaign.cells, statistics, strict=True)]
-    name = {"identity": campaign.identity, "sources": code_version(), "cases": campaign.resolved}
-    results = {**name, "campaign": campaign.description, "cells": rows}
+    name = {"identity": campaign.identity, "sources": code_version()}
+    written = [folder / RESULTS, folder / "results.csv"]
     try:
-        write_json(folder / "results.json", results)
+        write_json(folder / RESULTS, {**name, "campaign": campaign.description, "cells": rows})
         write_text(folder / "results.csv", _csv(rows))
-        written = [folder / "results.json", folder / "results.csv"]
-        written += _write_parquet(rows, folder / "results.parquet")
         written += _draw_heat_maps(campaign, rows, folder)
         _draw_distributions(campaign, statistics, folder / "distributions.png")
     except OSError as error:
@@ -56,63 +102,50 @@ def _csv(rows: list[dict[str, Any]]) -> str:
     return text.getvalue()
 
 
-def _write_parquet(rows: list[dict[str, Any]], path: Path) -> list[Path]:
-    try:
-        import pyarrow as pa  # noqa: PLC0415 - an extra
-        from pyarrow import parquet  # noqa: PLC0415
-    except ImportError:
-        print("pyarrow is not installed: results.parquet is not written")
-        return []
-    with replacing(path) as part:
-        parquet.write_table(pa.Table.from_pylist(rows), part)
-    return [path]
-
-
 def _draw_heat_maps(campaign: Campaign, rows: list[dict[str, Any]], folder: Path) -> list[Path]:
-    """Success and median settling time over the first two varying parameters; the others at their first value."""
+    """Draw share settled and median settling time over the first two varying parameters, the others at their first."""
     grid: dict[str, list[Any]] = campaign.description["grid"]
     varied = [name for name, values in grid.items() if len(values) > 1]
     if not varied:
         return []
-    across = varied[0]
-    down = varied[1] if len(varied) > 1 else None
-    others = {name: values[0] for name, values in grid.items() if name not in (across, down)}
+    across, down = varied[0], varied[1] if len(varied) > 1 else ""
+    heights = grid.get(down, [""])
     paths = []
     for metric, label, limits in (
         ("success_rate", "share of runs that settled", (0.0, 1.0)),
         ("settling_time_q50", "median settling time [s]", (None, None)),
     ):
-        table = np.full((len(grid[down]) if down else 1, len(grid[across])), np.nan)
+        shown = np.full((len(heights), len(grid[across])), np.nan)
         for row in rows:
-            if all(row[name] == value for name, value in others.items()) and row[metric] is not None:
-                place = grid[down].index(row[down]) if down else 0
-                table[place, grid[across].index(row[across])] = row[metric]
-        path = folder / f"heat_map_{metric}.png"
-        _draw_heat_map(table, (across, grid[across]), (down, grid[down] if down else [""]), label, limits, path)
-        paths.append(path)
+            first = all(row[name] == grid[name][0] for name in grid if name not in (across, down))
+            if first and row[metric] is not None:
+                shown[heights.index(row.get(down, "")), grid[across].index(row[across])] = row[metric]
+        paths.append(folder / f"heat_map_{metric}.png")
+        _draw_heat_map(shown, (across, grid[across]), (down, heights), (label, *limits), paths[-1])
     return paths
 
 
 def _draw_heat_map(
-    table: Any,
+    shown: Any,
     across: tuple[str, list[Any]],
-    down: tuple[str | None, list[Any]],
-    label: str,
-    limits: tuple[float | None, float | None],
+    down: tuple[str, list[Any]],
+    colours: tuple[str, float | None, float | None],
     path: Path,
 ) -> None:
-    rows, columns = table.shape
+    """Draw values (rows, columns) with names and values of both axes, and label, minimum and maximum of the colours."""
+    rows, columns = shown.shape
     width, height = min(2.6 + 0.8 * columns, 26.0), min(1.8 + 0.6 * rows, 20.0)
     figure, axes = new_figure(1, (max(width, 5.0), max(height, 2.4)))
     axes.grid(visible=False)
-    image = axes.imshow(table, aspect="auto", origin="lower", cmap="viridis", vmin=limits[0], vmax=limits[1])
+    label, least, most = colours
+    image = axes.imshow(shown, aspect="auto", origin="lower", cmap="viridis", vmin=least, vmax=most)
     for set_ticks, values in ((axes.set_xticks, across[1]), (axes.set_yticks, down[1])):
-        shown = range(0, len(values), math.ceil(len(values) / _MAX_LABELS))
-        set_ticks(shown, [f"{values[i]:g}" if isinstance(values[i], float) else f"{values[i]}" for i in shown])
+        places = range(0, len(values), math.ceil(len(values) / _MAX_LABELS))
+        set_ticks(places, [f"{values[i]:g}" if isinstance(values[i], float) else f"{values[i]}" for i in places])
     axes.set_xlabel(across[0])
-    axes.set_ylabel(down[0] or "")
+    axes.set_ylabel(down[0])
     low, high = image.get_clim()
-    for (y, x), value in np.ndenumerate(table) if max(table.shape) <= _MAX_LABELS else ():
+    for (y, x), value in np.ndenumerate(shown) if max(shown.shape) <= _MAX_LABELS else ():
         text = "none" if np.isnan(value) else f"{value:.3g}"
         dark = not np.isnan(value) and value < 0.5 * (low + high)
         axes.text(x, y, text, ha="center", va="center", color="white" if dark else "black", fontsize="small")

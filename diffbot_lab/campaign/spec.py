@@ -3,44 +3,37 @@
 from __future__ import annotations
 
 import functools
-import hashlib
 import itertools
-import json
 import math
-from collections.abc import Iterator, Mapping
+import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from diffbot_control.filter.options import FilterConfig
+from diffbot_control.filter.config import FilterConfig
 from diffbot_control.goals.registry import resolve_law
-from diffbot_control.law.configuration import AUTO, TANH, ControllerConfig
-from diffbot_control.law.controller import SwitchingLaw
-from diffbot_control.law.finish import FinishConfig
-from diffbot_control.law.lyapunov_law import Gains
-from diffbot_control.law.paper.reapproach import ReapproachConfig
 from diffbot_control.law.presets import TUNED
-from diffbot_control.law.regions import COVARIANCE, FixedRegionPolicy
-from diffbot_control.law.speed_profile import ProfileGains
-from diffbot_core.bounded_yaml import load_yaml
-from diffbot_core.code_hash import hash_of_code, hash_of_values
-from diffbot_core.errors import DiffbotError, InvalidValueError, known_name
-from diffbot_core.foreign_files import read_text, shown
-from diffbot_core.geometry import Pose
-from diffbot_core.parameter_files import MAX_BYTES
-from diffbot_core.ranges import LENGTH, POSITION
-from diffbot_core.schema import build, parameters_of, to_dict
-from diffbot_lab.campaign.options import CampaignOptions, is_coordinate, is_number, triple
-from diffbot_lab.cases import Configuration, configure, make_case
-from diffbot_sim.compiled.batch import Starts, check_case
-from diffbot_sim.compiled.closed_loop import Case
-from diffbot_sim.compiled.jit import LIBRARIES, PACKAGES, law_version
-from diffbot_sim.model.plant import PlantConfig
-from diffbot_sim.model.sensors import SensorConfig
+from diffbot_control.law.switching import SwitchingLaw
+from diffbot_core.errors import DiffbotError, InvalidValueError, known_name, shown
+from diffbot_core.files import read_text
+from diffbot_core.installed import hash_of_code, hash_of_values
+from diffbot_core.schema import LENGTH, POSITION, build, parameters_of, to_dict
+from diffbot_core.yaml_files import MAX_BYTES, load_yaml
+from diffbot_lab.campaign.options import CampaignOptions
+from diffbot_lab.cases import configure, law_of, make_case
+from diffbot_sim.batch import Starts, check_case
+from diffbot_sim.config import PlantConfig, SensorConfig
+from diffbot_sim.jit import LIBRARIES, PACKAGES, law_version
+from diffbot_sim.robot_step import EKF, TRUTH, Case
 
 _MAX_CELLS = 10_000
 _LISTS = ("start", "grid", "set")
+_STEPS_PER_CHUNK = 2_000_000
+"""About half a second of one core: frequent enough for the progress bar, and little is lost in a crash."""
+_RUNS_PER_CHUNK = 100_000
+"""A worker holds the outcomes of all runs of a chunk in memory."""
 
 
 @functools.cache
@@ -56,7 +49,9 @@ class Cell(NamedTuple):
     """the grid's parameters at this point"""
     case: Case
     law: str
-    """as in the options, for the resolved identity"""
+    """as for :func:`resolve_law`"""
+    version: str
+    """of the law's code, for the identity"""
 
 
 class Campaign(NamedTuple):
@@ -70,13 +65,12 @@ class Campaign(NamedTuple):
 
     @property
     def identity(self) -> str:
-        """Hash of the description, without the chunk size, which does not affect the results."""
-        decisive = {name: value for name, value in self.description.items() if name != "chunk"}
-        return hashlib.sha256(json.dumps(decisive, sort_keys=True).encode()).hexdigest()[:16]
+        """Hash of all that decides the results, with all defaults and presets: options, starts and every case."""
+        return hash_of_values([self.options, self.starts, *self.cells])
 
     @property
     def heading(self) -> str:
-        """What runs, in one line: law, preset, feedback, and all that is not the default."""
+        """One line that names law, preset, feedback, and all values that are not the default."""
         given, options = self.description["set"], self.options
         law = options.law
         if law == SwitchingLaw.name and "preset" not in self.description["grid"]:
@@ -85,10 +79,10 @@ class Campaign(NamedTuple):
         text = f"law {law}; feedback {options.feedback}; {options.duration:g} s; seed {options.seed}; not the default: "
         return text + (", ".join(changed) or "nothing")
 
-    @property
-    def resolved(self) -> str:
-        """Hash of what the description resolves to with all defaults and presets: options, starts and every case."""
-        return hash_of_values([self.options._replace(chunk=0), self.starts, *self.cells])
+    def chunks(self, cell: int) -> range:
+        """Return the first runs of all chunks of a cell; ``step`` is the number of runs of each but the last one."""
+        size = min(max(1, _STEPS_PER_CHUNK // self.cells[cell].case.steps), _RUNS_PER_CHUNK)
+        return range(0, self.options.runs, size)
 
 
 def read_campaign(path: Path | None, flags: Mapping[str, Any]) -> Campaign:
@@ -124,16 +118,15 @@ def make_campaign(content: Mapping[str, Any]) -> Campaign:
     for name, values in grid.items():
         if not isinstance(values, list) or not values:
             raise InvalidValueError(f"grid.{name}", values, "a list with at least one value")
-        numbers = [value for value in values if is_number(value)]
+        numbers = [value for value in values if _is_number(value)]
         if len(set(numbers)) < len(numbers):
-            raise InvalidValueError(f"grid.{name}", values, "values that differ")
+            raise InvalidValueError(f"grid.{name}", values, sentence="a value occurs twice")
         if name in fixed:
-            raise InvalidValueError(f"set.{name}", fixed[name], "in set or in grid, not in both")
+            raise InvalidValueError(f"set.{name}", fixed[name], sentence="it is in set and in grid")
     cells = _cells(options, fixed, grid)
     for cell in cells:
         check_case(cell.case, starts)
     description = {**to_dict(options), "start": content.get("start"), "set": fixed, "grid": grid}
-    description["goal"] = list(options.goal)
     return Campaign(options, starts, cells, description)
 
 
@@ -141,45 +134,31 @@ def _cells(options: CampaignOptions, fixed: Mapping[str, Any], grid: Mapping[str
     number = math.prod(len(values) for values in grid.values())
     if number > _MAX_CELLS:
         raise InvalidValueError("grid", f"{number} cells", f"<= {_MAX_CELLS} cells")
-    law = resolve_law(options.law)
-    law_name = f"{options.law} {law_version(law)}"
     cells: list[Cell] = []
-    unread: dict[str, str] = {}
     for values in itertools.product(*grid.values()):
         point = dict(zip(grid, values, strict=True))
+        name = law_of(options.law, {**fixed, **point})
+        law = resolve_law(name)
         config = configure({**fixed, **point}, law)
-        found = {
-            one.name: choice for group, choice in _unread(config, options.feedback) for one in parameters_of(group)
-        }
-        unread = {name: choice for name, choice in found.items() if not cells or name in unread}
-        case = make_case(config, options.duration, feedback=options.feedback, goal=Pose(*options.goal))
-        cells.append(Cell(point, case, law_name))
-    of_plant = {one.name for one in parameters_of(PlantConfig)}
+        case = make_case(config, options.duration, law=law, feedback=options.feedback)
+        cells.append(Cell(point, case, name, law_version(law)))
+    unread = _unread(options.feedback)
     for part, given in (("set", fixed), ("grid", grid)):
         for name, value in given.items():
-            if name in unread and name not in of_plant:
-                raise InvalidValueError(f"{part}.{name}", value, f"left out, it acts only with {unread[name]}")
+            if name in unread:
+                raise InvalidValueError(f"{part}.{name}", value, sentence=f"it acts only with {unread[name]}")
     return cells
 
 
-def _unread(config: Configuration, feedback: str) -> Iterator[tuple[type[Any], str]]:
-    """Yield the groups of parameters that the runs of a case do not read, and the choice with which they would."""
-    controller = config.controller
-    if isinstance(controller, ControllerConfig):
-        if controller.profile == TANH:
-            yield ProfileGains, "speed_profile: braking (preset tuned)"
-            yield FinishConfig, "speed_profile: braking (preset tuned)"
-        else:
-            yield Gains, "speed_profile: tanh (preset paper)"
-            yield ReapproachConfig, "speed_profile: tanh (preset paper)"
-            if controller.gain_source == AUTO:
-                yield ProfileGains, "gains: preset"
-        if controller.region_policy.kind == COVARIANCE:
-            yield FixedRegionPolicy, "region_policy: fixed (preset paper)"
-    if feedback != "ekf":
-        yield FilterConfig, "feedback: ekf"
-    if feedback == "truth":
-        yield SensorConfig, "feedback: ekf or raw"
+def _unread(feedback: str) -> dict[str, str]:
+    """Return the parameters that runs with this feedback do not read, and the feedback with which they would."""
+    found: dict[str, str] = {}
+    if feedback != EKF:
+        found |= dict.fromkeys((one.name for one in parameters_of(FilterConfig)), "feedback: ekf")
+    if feedback == TRUTH:
+        found |= dict.fromkeys((one.name for one in parameters_of(SensorConfig)), "feedback: ekf or raw")
+    of_plant = {one.name for one in parameters_of(PlantConfig)}
+    return {name: choice for name, choice in found.items() if name not in of_plant}
 
 
 def _starts(start: Any) -> Starts:
@@ -190,7 +169,8 @@ def _starts(start: Any) -> Starts:
     if kind == "list":
         if not isinstance(value, list) or not value:
             raise InvalidValueError("start.list", value, "a list with at least one [x, y, heading]")
-        return Starts(np.array([triple("start.list", row) for row in value]))
+        bound = f"three numbers x, y, heading within +-{POSITION[1]:g}"
+        return Starts(np.array([_numbers("start.list", row, 3, bound) for row in value]))
     if kind == "box":
         keys = ("x", "y", "heading")
         value = _only("start.box", value, keys)
@@ -199,15 +179,36 @@ def _starts(start: Any) -> Starts:
         return Starts(np.array([0.5 * (low + high)]), (half[0], half[1], half[2]))
     value = _only("start.circle", value, ("radius", "points", "headings"))
     radius, points = value.get("radius"), value.get("points", 8)
-    headings = value.get("headings", [0.0])
-    if not is_number(radius) or not LENGTH[0] <= radius <= LENGTH[1]:
+    if not _is_number(radius) or not LENGTH[0] <= radius <= LENGTH[1]:
         raise InvalidValueError("start.circle.radius", radius, f">= {LENGTH[0]:g} and <= {LENGTH[1]:g}")
     if not isinstance(points, int) or isinstance(points, bool) or not 1 <= points <= 100_000:
         raise InvalidValueError("start.circle.points", points, "a whole number from 1 to 100000")
-    if not isinstance(headings, list) or not headings or not all(map(is_coordinate, headings)):
-        raise InvalidValueError("start.circle.headings", headings, f"a list of numbers [rad] within +-{POSITION[1]:g}")
+    bound = f"a list of numbers [rad] within +-{POSITION[1]:g}"
+    headings = _numbers("start.circle.headings", value.get("headings", [0.0]), None, bound)
     angles = [2.0 * math.pi * index / points for index in range(points)]
     return Starts(np.array([(radius * math.cos(a), radius * math.sin(a), h) for h in headings for a in angles]))
+
+
+def _interval(name: str, value: Any) -> list[float]:
+    low, high = _numbers(name, value, 2, f"two numbers [low, high] within +-{POSITION[1]:g}")
+    if low > high:
+        raise InvalidValueError(name, value, "[low, high] with low <= high")
+    return [low, high]
+
+
+def _numbers(name: str, value: Any, count: int | None, bound: str) -> list[float]:
+    """Return a value from YAML as a list of ``count`` coordinates, at least one for None."""
+    if not isinstance(value, (list, tuple)) or not value or (count is not None and len(value) != count):
+        raise InvalidValueError(name, value, bound)
+    if not all(_is_number(one) and POSITION[0] <= one <= POSITION[1] for one in value):
+        raise InvalidValueError(name, value, bound)
+    return [float(one) for one in value]
+
+
+def _is_number(value: Any) -> bool:
+    """Return True if a value from YAML is a finite number."""
+    # By comparison: an integer may be too large to convert to a float.
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
 
 
 def _mapping(name: str, value: Any) -> dict[str, Any]:
@@ -225,11 +226,3 @@ def _only(name: str, value: Any, keys: tuple[str, ...]) -> Any:
         if key not in keys:
             raise InvalidValueError(f"{name} key", key, "one of " + ", ".join(keys))
     return value
-
-
-def _interval(name: str, value: Any) -> tuple[float, float]:
-    if not isinstance(value, (list, tuple)) or len(value) != 2 or not all(map(is_coordinate, value)):
-        raise InvalidValueError(name, value, f"two numbers [low, high] within +-{POSITION[1]:g}")
-    if value[0] > value[1]:
-        raise InvalidValueError(name, value, "[low, high] with low <= high")
-    return float(value[0]), float(value[1])

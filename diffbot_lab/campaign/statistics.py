@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import binomtest
 
-from diffbot_sim.compiled.batch import COLUMNS
+from diffbot_sim.batch import COLUMNS
 
 Array = NDArray[np.float64]
 
@@ -26,11 +26,9 @@ LARGEST = 1e300
 """Values above it, infinity too, count as it."""
 QUANTILES = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
 METRICS = ("settling_time", "position_error", "heading_error", "path_length", "effort", "switches", "estimation_error")
-"""What is counted of each run; settling_time of those that settled only."""
+"""Quantities that are counted of each run; settling_time only of runs that settled."""
 
 _ZERO = -1
-_Z_95 = 1.959963984540054
-"""Quantile of the normal distribution at 97.5 %."""
 _LOG_BASE = math.log1p(BIN_WIDTH)
 
 
@@ -64,14 +62,9 @@ def quantile(bins: Counter[int], q: float) -> float:
 
 
 def wilson(successes: int, total: int) -> tuple[float, float]:
-    """Return Wilson's 95 % interval of a share (E. B. Wilson, JASA 22, 1927)."""
-    if total == 0:
-        return 0.0, 1.0
-    share, z = successes / total, _Z_95
-    scale = 1.0 + z * z / total
-    centre = (share + z * z / (2.0 * total)) / scale
-    half = z * math.sqrt(share * (1.0 - share) / total + z * z / (4.0 * total * total)) / scale
-    return max(0.0, centre - half), min(1.0, centre + half)
+    """Return Wilson's 95 % interval of a share (E. B. Wilson, JASA 22, 1927) of ``total`` >= 1 trials."""
+    interval = binomtest(successes, total).proportion_ci(0.95, method="wilson")
+    return float(interval.low), float(interval.high)
 
 
 class CellStatistics:
@@ -90,7 +83,7 @@ class CellStatistics:
         self.settled += counts["settled"]
         self.reached_local += counts["reached_local"]
         for metric in METRICS:
-            for key, count in _pairs(counts["bins"][metric]):
+            for key, count in counts["bins"][metric]:
                 self.bins[metric][key] += count
 
     def summary(self) -> dict[str, Any]:
@@ -98,7 +91,7 @@ class CellStatistics:
         low, high = wilson(self.settled, self.runs)
         figures: dict[str, Any] = {
             "runs": self.runs,
-            "success_rate": self.settled / self.runs if self.runs else None,
+            "success_rate": self.settled / self.runs,
             "success_low": low,
             "success_high": high,
             "reached_local_region": self.reached_local,
@@ -114,17 +107,15 @@ class CellStatistics:
     def ecdf(self, metric: str) -> tuple[list[float], list[float]]:
         """Return values and the share of all runs at or below each."""
         keys = sorted(self.bins[metric])
-        shares = np.cumsum([self.bins[metric][key] for key in keys]) / max(self.runs, 1)
+        shares = np.cumsum([self.bins[metric][key] for key in keys]) / self.runs
         return [value_of(key) for key in keys], shares.tolist()
 
 
-def _pairs(bins: Any) -> Iterable[tuple[int, int]]:
-    # JSON has no whole numbers as keys, so bins travel as pairs.
-    return ((int(key), int(count)) for key, count in bins)
-
-
 def count_outcomes(outcomes: Array) -> dict[str, Any]:
-    """Turn outcomes (runs, 12), columns as batch.COLUMNS, into counts that can be added and written as JSON."""
+    """Turn outcomes (runs, 12), columns as batch.COLUMNS, into counts that can be added and written as JSON.
+
+    Bins are pairs of key and count, since a key of a JSON object cannot be a number.
+    """
     column = {name: outcomes[:, index] for index, name in enumerate(COLUMNS)}
     values = {
         **{metric: column[metric] for metric in METRICS if metric in column},

@@ -34,33 +34,81 @@ Many at a time: ``gymnasium.make_vec("diffbot_lab.gym:DiffbotGoal-v0", num_envs=
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from diffbot_control.filter.localization import Localization
-from diffbot_control.filter.localization_config import LocalizationConfig
-from diffbot_control.law.goal_checker import GoalTolerance
+from diffbot_control.filter.config import LocalizationConfig
+from diffbot_control.law.goal_checker import GoalTolerance, within
+from diffbot_control.law.limits import limit_velocity
+from diffbot_control.law.steering import navigation_variables
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import MAX_COORDINATE, Pose, wrap_angle
-from diffbot_core.kinematics import Twist
-from diffbot_lab.gym.task import Task, observed, requested, score
-from diffbot_sim.feedback import EKF, FEEDBACKS
-from diffbot_sim.model.simulator import StartPose, World, WorldConfig
-from diffbot_sim.reference_loop import PoseFeedback
+from diffbot_core.kinematics import Twist, body_twist
+from diffbot_sim.config import StartPose, WorldConfig
+from diffbot_sim.fusion import new_recent
+from diffbot_sim.noise import NoiseSource, quiet_noise
+from diffbot_sim.robot_step import EKF, FEEDBACKS, SENSES, TRUTH, advance, check_robot, start
+from diffbot_sim.sensors import purposes_of
+from diffbot_sim.simulation import robot_of
 
 Floats = NDArray[np.float32]
 
 ARENA = 3.0
 """times ``start_range``: a distance beyond it ends an episode"""
-_RANGES = {"start_range": (0.1, 1e3), "v_max": (1e-3, 1e3), "omega_max": (1e-3, 1e3)}
+HEADING_WEIGHT = 0.2
+"""[m/rad] of the heading error in the distance that the reward counts"""
+TIME_COST, END_REWARD = 0.1, 10.0
+"""[1/s] for each second; at the goal, and less for leaving the arena"""
 MAX_WAIT = 1000
 """steps in which the robot waits for its first pose"""
 _MAX_SEED = 2**63 - 1
+
+
+class Task(NamedTuple):
+    """Values on which reward and end of an episode depend."""
+
+    data_sheet: DataSheet
+    tolerance: GoalTolerance
+    arena: float
+    """[m] from the goal: an episode ends beyond it"""
+    sampling_time: float
+    """[s]"""
+
+
+def requested(v: float, omega: float, data_sheet: DataSheet) -> Twist:
+    """Return the command of an action: shares of v_max and omega_max, each within -1 .. 1, inside all bounds."""
+    return limit_velocity(Twist(v * data_sheet.v_max, omega * data_sheet.omega_max), data_sheet)
+
+
+def observed(pose: Pose, twist: Twist) -> tuple[float, float, float, float, float, float, float]:
+    """Return the observation, not clipped, of the pose in the goal's frame and of the encoders' twist."""
+    rho, alpha, beta = navigation_variables(pose)
+    return rho, math.cos(alpha), math.sin(alpha), math.cos(beta), math.sin(beta), twist.v, twist.omega
+
+
+def score(before: Pose, after: Pose, command: Twist, task: Task) -> tuple[float, bool, bool]:
+    """Return the reward of a step, and whether the robot is at rest at the goal or outside of the arena.
+
+    ``before`` and ``after`` are true poses in the goal's frame.
+    """
+    rho = math.hypot(after.x, after.y)
+    reached = within(after, rho, command, task.tolerance, task.data_sheet)
+    left = rho > task.arena
+    reward = distance(before) - distance(after) - TIME_COST * task.sampling_time
+    if reached:
+        reward += END_REWARD
+    if left:
+        reward -= END_REWARD
+    return reward, reached, left
+
+
+def distance(pose: Pose) -> float:
+    """Return the distance [m] that the reward counts, for a pose in the goal's frame."""
+    return math.hypot(pose.x, pose.y) + HEADING_WEIGHT * abs(pose.theta)
 
 
 class DiffbotGoalEnv(gymnasium.Env[Floats, Floats]):
@@ -86,20 +134,24 @@ class DiffbotGoalEnv(gymnasium.Env[Floats, Floats]):
             render_mode: None, or rgb_array: :meth:`render` draws the present state.
 
         Raises:
-            InvalidValueError: for another feedback, or a range or bound that is not a positive number.
+            InvalidValueError: for another feedback, a range or bound that is not a positive number, or measurements
+                that the filter does not support, see :func:`robot_step.check_robot`.
         """
         self.config, sheet = world or WorldConfig(), data_sheet or DataSheet()
         v_max, omega_max = sheet.v_max, sheet.omega_max
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise InvalidValueError("render_mode", render_mode, "None or rgb_array")
-        self.render_mode = render_mode
         if feedback not in FEEDBACKS:
             raise InvalidValueError("feedback", feedback, "one of " + ", ".join(FEEDBACKS))
         for name, value in (("start_range", start_range), ("v_max", v_max), ("omega_max", omega_max)):
-            least, most = _RANGES[name]
-            if not least <= value <= most:
-                raise InvalidValueError(name, value, f">= {least:g} and <= {most:g}")
-        self.feedback, self.start_range = feedback, start_range
+            if not 0.0 < value <= 1e3:
+                raise InvalidValueError(name, value, "> 0 and <= 1000")
+        self.render_mode, self.feedback, self.start_range, self.world = render_mode, feedback, start_range, self.config
+        self.robot = robot_of(self.config)
+        if feedback != TRUTH:
+            check_robot(self.robot, LocalizationConfig().history_length)
+        self._recent, self._source = new_recent(self.robot), NoiseSource()
+        self._noise = quiet_noise(1, len(self.robot.landmarks))
         self.task = Task(sheet, GoalTolerance(), ARENA * start_range, self.config.plant.sampling_time)
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (2,), np.float32)
         high = np.array([2.0 * ARENA * start_range, 1.0, 1.0, 1.0, 1.0, 2.0 * v_max, 2.0 * omega_max], np.float32)
@@ -120,20 +172,16 @@ class DiffbotGoalEnv(gymnasium.Env[Floats, Floats]):
             InvalidValueError: for a bad start, or if no pose comes at all.
         """
         super().reset(seed=seed)
-        start, noise = drawn_episode(self.np_random, self.start_range)
+        begin, noise = drawn_episode(self.np_random, self.start_range)
         if options and "start" in options:
-            start = checked_start(options["start"])
-        self.world = World(self.config._replace(start=start, seed=noise))
-        separation, landmarks = self.config.plant.wheels.wheel_separation, bool(self.config.landmarks.landmark_ids)
-        found = Localization(LocalizationConfig(), separation, landmarks=landmarks)
-        self._source = PoseFeedback(self.feedback, found)
-        pose, steps = self._source.pose(self.world), 0
-        while pose is None:
-            if steps == MAX_WAIT:
+            begin = checked_start(options["start"])
+        self.world = self.config._replace(start=begin, seed=noise)
+        self._body = start(self._recent, Pose(*begin))
+        self._sense()
+        while not self._body.feedback.known:
+            if self._body.state.step == MAX_WAIT:
                 raise no_pose(self.feedback)
-            self.world.advance(Twist(0.0, 0.0))
-            pose, steps = self._source.pose(self.world), steps + 1
-        self._pose = pose
+            self._advance(Twist(0.0, 0.0))
         return self._observation(), self._info(False)
 
     def step(self, action: Floats) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
@@ -144,11 +192,21 @@ class DiffbotGoalEnv(gymnasium.Env[Floats, Floats]):
         """
         v, omega = checked_actions(action, (2,)).tolist()
         command = requested(v, omega, self.task.data_sheet)
-        before = self.world.state.pose
-        self.world.advance(command)
-        self._pose = self._source.pose(self.world) or self._pose
-        reward, reached, left = score(before, self.world.state.pose, command, self.task)
+        before = self._body.state.pose
+        self._advance(command)
+        reward, reached, left = score(before, self._body.state.pose, command, self.task)
         return self._observation(), reward, reached or left, False, self._info(reached)
+
+    def _sense(self) -> None:
+        sensors, slip_noise, state = self.robot.sensors, self.robot.plant.slip_noise, self._body.state
+        purposes = purposes_of(sensors, len(self.robot.landmarks), slip_noise)
+        self._source.rows(self.world.seed, self.world.run, state.step, self._noise, purposes)
+        sense, sampling_time = SENSES[FEEDBACKS.index(self.feedback)], self.robot.plant.sampling_time
+        self._body = sense(self._body, self._recent, self._noise[:, 0], sensors, sampling_time)
+
+    def _advance(self, command: Twist) -> None:
+        self._body = advance(self._body, self._recent.commands, command, self._noise[:, 0], self.robot.plant)
+        self._sense()
 
     def render(self) -> NDArray[np.uint8] | None:
         """Return a picture (400, 400, 3) of the goal, the true robot and the estimate; None without a render_mode."""
@@ -160,29 +218,27 @@ class DiffbotGoalEnv(gymnasium.Env[Floats, Floats]):
 
         canvas, reach = FigureCanvasAgg(Figure(figsize=(4.0, 4.0), dpi=100)), 1.2 * self.start_range
         axes = canvas.figure.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
-        for pose, colour in ((Pose(0.0, 0.0, 0.0), "green"), (self._pose, "red"), (self.world.state.pose, "blue")):
+        poses = Pose(0.0, 0.0, 0.0), self._body.feedback.pose, self._body.state.pose
+        for pose, colour in zip(poses, ("green", "red", "blue"), strict=True):
             tip = 0.12 * reach * math.cos(pose.theta), 0.12 * reach * math.sin(pose.theta)
             axes.quiver(pose.x, pose.y, *tip, color=colour, angles="xy", scale_units="xy", scale=1.0)
         canvas.draw()  # type: ignore[no-untyped-call]
         return np.array(canvas.buffer_rgba())[:, :, :3]  # type: ignore[no-untyped-call]
 
     def _observation(self) -> Floats:
-        _, twist, _ = self.world.odometry()
-        values = np.array(observed(self._pose, twist), dtype=np.float32)
+        twist = body_twist(self._body.state.encoder, self.robot.plant.wheels)
+        values = np.array(observed(self._body.feedback.pose, twist), dtype=np.float32)
         space = self.observation_space
         clipped: Floats = np.clip(values, space.low, space.high)  # type: ignore[attr-defined] # it is a Box
         return clipped
 
     def _info(self, reached: bool) -> dict[str, Any]:
-        return {
-            "truth": np.array(self.world.state.pose),
-            "feedback": np.array(self._pose),
-            "is_success": reached,
-        }
+        truth, feedback = np.array(self._body.state.pose), np.array(self._body.feedback.pose)
+        return {"truth": truth, "feedback": feedback, "is_success": reached}
 
 
 def no_pose(feedback: str) -> InvalidValueError:
-    """Return the error of a robot that never learns where it is."""
+    """Return the error of a robot that never receives a pose."""
     return InvalidValueError("feedback", feedback, f"one that brings a pose within {MAX_WAIT} steps")
 
 
@@ -197,16 +253,15 @@ def checked_actions(action: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
     """Return an action, or one for each environment, clipped to the space.
 
     Raises:
-        InvalidValueError: for one of another shape, or a number that is not finite.
+        InvalidValueError: for another shape, or a number that is not finite.
     """
     shares = np.asarray(action, dtype=np.float64)
     if shares.shape != shape or not np.isfinite(shares).all():
-        what = "two finite numbers" if shape == (2,) else f"finite numbers of shape {shape}"
-        raise InvalidValueError("action", action, what)
+        raise InvalidValueError("action", action, f"finite numbers of shape {shape}")
     return np.clip(shares, -1.0, 1.0)
 
 
-def checked_start(start: Sequence[float]) -> StartPose:
+def checked_start(start: Any) -> StartPose:
     """Return x [m], y [m], theta [rad] as a start."""
     values = np.asarray(start, dtype=np.float64)
     if values.shape != (3,) or not (np.abs(values) <= MAX_COORDINATE).all():

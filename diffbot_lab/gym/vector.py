@@ -7,16 +7,17 @@ As always with gymnasium::
     observations, rewards, terminations, truncations, infos = envs.step(envs.action_space.sample())
 
 Actions, observations, rewards, ends and random numbers are those of :mod:`environment` under gymnasium's SyncVectorEnv,
-to rounding: environment i is seeded with ``seed + i``, and one that has ended is reset by the next step, which ignores
-its action (AutoresetMode.NEXT_STEP). The first use compiles, which takes a minute or two; later ones load the result.
+to rounding. Environment i is seeded with ``seed + i``. The step after the end of an episode resets the environment and
+ignores its action (AutoresetMode.NEXT_STEP). The first use compiles, which takes a minute or two; later ones load the
+result.
 """
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 import numpy as np
+from gymnasium.error import ResetNeeded
 from gymnasium.spaces import Box
 from gymnasium.utils.seeding import np_random
 from gymnasium.vector import AutoresetMode, VectorEnv
@@ -24,121 +25,129 @@ from gymnasium.vector.utils import batch_space
 from numba.typed import List
 from numpy.typing import NDArray
 
-from diffbot_control.filter.localization_config import LocalizationConfig
-from diffbot_control.filter.options import options_of
-from diffbot_core.code_hash import hash_of_folders
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose
-from diffbot_core.kinematics import Twist, body_twist
-from diffbot_lab.gym import MAX_STEPS, task
-from diffbot_lab.gym.environment import (
-    MAX_WAIT,
-    DiffbotGoalEnv,
-    Floats,
-    checked_actions,
-    checked_start,
-    drawn_episode,
-    no_pose,
-)
-from diffbot_lab.gym.task import Task, observed, requested, score
-from diffbot_sim.compiled.batch import FEEDBACK_CODES, check_robot
-from diffbot_sim.compiled.closed_loop import TRUTH
-from diffbot_sim.compiled.gated_filter import new_track
-from diffbot_sim.compiled.jit import LIBRARIES, compile_kernel, make_callable, one_compiler
-from diffbot_sim.compiled.late_fusion import example_for, late_steps, new_buffers
-from diffbot_sim.compiled.sensing import Robot
-from diffbot_sim.compiled.stepping import Fleet, advance, new_body, put
-from diffbot_sim.feedback import EKF
-from diffbot_sim.model.actuators import command_rows
-from diffbot_sim.model.simulator import WorldConfig
+from diffbot_core.kinematics import body_twist
+from diffbot_lab.gym import MAX_STEPS, environment
+from diffbot_lab.gym.environment import DiffbotGoalEnv, Floats, Task, observed, requested, score
+from diffbot_sim.config import WorldConfig
+from diffbot_sim.fusion import Recent, Robot, borrowed, new_recent, referred
+from diffbot_sim.jit import compile_kernel, one_compiler, source_hash
+from diffbot_sim.noise import NoiseSource
+from diffbot_sim.robot_step import EKF, FEEDBACKS, SENSES, advance, start
+from diffbot_sim.sensors import purposes_of
 
 Array = NDArray[np.float64]
-_VERSION = hash_of_folders([Path(__file__).parent], LIBRARIES)
+Indices = NDArray[np.intp]
 
-for _function in (task.requested, task.observed, task.score, task.distance):
-    make_callable(_function)
+_BLOCK = 64
+"""Number of steps for which the noise of a robot is drawn at once. Seeding a generator takes longer than drawing."""
 
 
-class Common(NamedTuple):
-    """What the environments have in common, and the robots themselves."""
+class Fleet(NamedTuple):
+    """The robots of all environments, and what they have in common."""
 
-    kind: int
-    """one of FEEDBACK_CODES' values"""
     robot: Robot
-    run: int
     task: Task
-    fleet: Fleet
+    bodies: Any
+    """list of their bodies"""
+    recents: Any
+    """list of references to their :class:`Recent` arrays, which the caller keeps"""
 
 
 class Episodes(NamedTuple):
-    """How episodes begin, and which do now."""
+    """Starts, noise and progress of the episodes."""
 
-    seeds: Any
-    """(n,) of the noise"""
     starts: Any
-    """(n, 3)"""
-    fresh: Any
-    """(n,) True to begin one"""
+    """(n, 3) x [m], y [m], theta [rad] in map"""
+    noise: Any
+    """(n, purposes, _BLOCK + 1, 4) numbers in [0, 1); row 0 belongs to the newest step whose number _BLOCK divides"""
+    steps: Any
+    """(n,) number of each robot's present step"""
 
 
 class Results(NamedTuple):
-    """Arrays that a step fills."""
+    """Arrays that :func:`_make_step` fills."""
 
     observations: Any
-    """(n, 7)"""
+    """(n, 7), not clipped"""
     scores: Any
-    """(n, 3) as :class:`task.Score`"""
+    """(n, 3) as :func:`environment.score`; not filled for an episode that begins"""
     truth: Any
-    """(n, 3) true pose"""
+    """(n, 3) true pose in map"""
     feedback: Any
-    """(n, 3)"""
+    """(n, 3) pose in map that the controller gets"""
+    known: Any
+    """(n,) False until the first feedback"""
 
 
-def _keep(common: Common) -> Any:
-    """Return a list of ``common`` alone, with the fleet's lists filled.
+def _new_fleet(task: Task, recent: Recent) -> Any:
+    """Return a list whose only element is a fleet of one robot.
 
-    The type of a list is known; that of all that is in it would take a millisecond to find at each call.
+    numba knows the type of a list. It would need a millisecond at each call to find the type of a fleet.
     """
-    fleet, bodies, tracks = common.fleet, List(), List()
-    for _ in range(len(fleet.filter)):
-        bodies.append(new_body(Pose(0.0, 0.0, 0.0)))
-    for _ in range(fleet.steps.size + 1):  # one more, which gives an empty list its type
-        tracks.append(new_track())
-    full = Fleet(bodies, tracks, fleet.filter, fleet.steps, fleet.stamps, fleet.seen, fleet.commands)
-    kept = List()
-    kept.append(Common(common.kind, common.robot, common.run, common.task, full))
+    bodies, recents, kept = List(), List(), List()
+    reference = referred(recent)
+    bodies.append(start(reference, Pose(0.0, 0.0, 0.0)))
+    recents.append(reference)
+    kept.append(Fleet(reference.robot, task, bodies, recents))
     return kept
 
 
-def _step(kept: Any, episodes: Episodes, actions: Any, results: Results) -> bool:
-    """Step every environment, or let its episode begin; False if a robot has waited in vain for its first pose."""
-    kind, robot, run, task, fleet = kept[0]
-    seeds, starts, fresh = episodes
-    for index in range(len(actions)):
-        seed, scores = seeds[index], results.scores[index]
-        if fresh[index]:
-            body = put(fleet, index, kind, robot, seed, run, Pose(starts[index, 0], starts[index, 1], starts[index, 2]))
-            for _ in range(MAX_WAIT):
-                if body.feedback.known:
-                    break
-                body = advance(fleet, index, kind, robot, seed, run, Twist(0.0, 0.0))
-            if not body.feedback.known:
-                return False
-            scores[0] = scores[1] = scores[2] = 0.0
-        else:
-            before = fleet.bodies[index].state.pose
-            command = requested(actions[index, 0], actions[index, 1], task.data_sheet)
-            body = advance(fleet, index, kind, robot, seed, run, command)
-            scores[0], scores[1], scores[2] = score(before, body.state.pose, command, task)
-        seen = observed(body.feedback.pose, body_twist(body.state.encoder, robot.plant.wheels))
-        for column in range(len(seen)):
-            results.observations[index, column] = seen[column]
-        for row, pose in ((results.truth[index], body.state.pose), (results.feedback[index], body.feedback.pose)):
-            row[0], row[1], row[2] = pose
-    return True
+def _add_robot(kept: Any, recent: Recent) -> None:
+    """Add one more robot to the fleet."""
+    fleet, reference = kept[0], referred(recent)
+    fleet.bodies.append(start(reference, Pose(0.0, 0.0, 0.0)))
+    fleet.recents.append(reference)
 
 
-_compiled_keep, _compiled_step = compile_kernel(_keep, _VERSION), compile_kernel(_step, _VERSION)
+def _make_step(feedback: int) -> Any:
+    """Return the function that steps robots with one of the codes of FEEDBACKS."""
+    sense = SENSES[feedback]
+
+    def step(kept: Any, chosen: Any, begin: bool, episodes: Episodes, actions: Any, results: Results) -> None:
+        """Drive the chosen robots for one sampling time, or put them at their starts. Then measure and filter.
+
+        Args:
+            kept: the fleet, see :func:`_new_fleet`.
+            chosen: (k,) indices of the robots.
+            begin: True to put the robots at their starts.
+            episodes: of all robots. The noise of this step and of the next one must have been drawn.
+            actions: (n, 2) shares of v_max and omega_max, within -1 .. 1.
+            results: of all robots; only the rows of the chosen robots are filled.
+        """
+        robot, task, bodies, recents = kept[0]
+        plant, sensors, starts = robot.plant, robot.sensors, episodes.starts
+        for index in chosen:
+            recent, noise, row = recents[index], borrowed(episodes.noise[index]), 0
+            if begin:
+                body = start(recent, Pose(starts[index, 0], starts[index, 1], starts[index, 2]))
+            else:
+                body, scores = bodies[index], results.scores[index]
+                before, row = body.state.pose, body.state.step % _BLOCK
+                command = requested(actions[index, 0], actions[index, 1], task.data_sheet)
+                body = advance(body, recent.commands, command, noise[:, row], plant)
+                scores[0], scores[1], scores[2] = score(before, body.state.pose, command, task)
+                row += 1
+            body = sense(body, recent, noise[:, row], sensors, plant.sampling_time)
+            bodies[index], episodes.steps[index], results.known[index] = body, body.state.step, body.feedback.known
+            twist = body_twist(body.state.encoder, plant.wheels)
+            for column, value in enumerate(observed(body.feedback.pose, twist)):
+                results.observations[index, column] = value
+            truth, feedback = results.truth[index], results.feedback[index]
+            truth[0], truth[1], truth[2] = body.state.pose
+            feedback[0], feedback[1], feedback[2] = body.feedback.pose
+
+    # Compiled functions of the same name and types are taken for one another if they come from the cache.
+    step.__qualname__ = f"step_{FEEDBACKS[feedback]}"
+    return step
+
+
+_STEPS = [_make_step(feedback) for feedback in range(len(FEEDBACKS))]
+_VERSION = source_hash(_new_fleet, _add_robot, *_STEPS)
+_compiled_new_fleet, _compiled_add_robot, *_compiled_steps = (
+    compile_kernel(function, _VERSION) for function in (_new_fleet, _add_robot, *_STEPS)
+)
 
 
 class DiffbotGoalVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
@@ -155,43 +164,36 @@ class DiffbotGoalVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         start_range: float = 5.0,
         max_episode_steps: int = MAX_STEPS,
     ) -> None:
-        """Describe the task of each as :class:`DiffbotGoalEnv` does, and compile.
+        """Describe the task as :class:`DiffbotGoalEnv` does, and compile.
 
         Raises:
-            InvalidValueError: as there; for measurements that arrive later than the filter's history reaches.
+            InvalidValueError: as :class:`DiffbotGoalEnv`.
         """
         one = DiffbotGoalEnv(world, feedback, data_sheet, start_range)
         self.num_envs, self._one, self._max_steps = num_envs, one, max_episode_steps
         self.single_action_space, self.single_observation_space = one.action_space, one.observation_space
         self.action_space = batch_space(one.action_space, num_envs)
         self.observation_space = batch_space(one.observation_space, num_envs)
-        localization = LocalizationConfig()
-        plant, sensors, points = one.config.plant, one.config.sensors, one.config.landmarks.points()
-        landmarks = np.array([*points.values()], dtype=np.float64).reshape(-1, 2)
-        options = options_of(localization.filter, landmarks=bool(points))
-        robot, late = Robot(plant, sensors, options, landmarks), 0
-        if FEEDBACK_CODES[feedback] != TRUTH:
-            check_robot(robot, localization.history_length)
-            late = late_steps(sensors, plant.sampling_time)
-        first = new_buffers(late, len(landmarks), example_for(landmarks, options))
-        arrays = [
-            np.repeat(array[None], num_envs, axis=0)
-            for array in (first.filter[0], first.steps, first.stamps[0], first.seen)
-        ]
-        arrays.append(np.zeros((num_envs, command_rows(plant.actuators.command_delay, plant.sampling_time), 2)))
-        seeds, starts = np.zeros(num_envs, dtype=np.int64), np.zeros((num_envs, 3))
-        self._episodes = Episodes(seeds, starts, np.ones(num_envs, dtype=bool))
+        robot = one.robot
+        self._purposes = purposes_of(robot.sensors, len(robot.landmarks), robot.plant.slip_noise)
+        noise = np.empty((num_envs, max(self._purposes) + 1, _BLOCK + 1, 4))
+        self._episodes = Episodes(np.zeros((num_envs, 3)), noise, np.zeros(num_envs, dtype=np.int64))
+        self._source, self._seeds = NoiseSource(), np.zeros(num_envs, dtype=np.int64)
+        self._fresh: NDArray[np.bool_] = np.ones(num_envs, dtype=bool)
         self._elapsed: NDArray[np.int64] = np.zeros(num_envs, dtype=np.int64)
         self._generators: list[np.random.Generator] = []
         with one_compiler(_VERSION):
-            fleet = Fleet(None, None, *arrays)
-            self._kept = _compiled_keep(Common(FEEDBACK_CODES[feedback], robot, one.config.run, one.task, fleet))
-            self._run(np.zeros((0, 2)))
+            self._recents = [new_recent(robot) for _ in range(num_envs)]
+            self._step, nothing = _compiled_steps[FEEDBACKS.index(feedback)], np.zeros((0, 2))
+            self._kept = _compiled_new_fleet(one.task, self._recents[0])
+            for recent in self._recents[1:]:
+                _compiled_add_robot(self._kept, recent)
+            self._step(self._kept, np.flatnonzero(nothing), False, self._episodes, nothing, self._new_results())
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Floats, dict[str, Any]]:
-        """Begin an episode in each; ``seed + i``, or entry i of a list, is the seed of environment i.
+        """Begin an episode in each environment; the seed of environment i is ``seed + i`` or entry i of a list.
 
         Raises:
             InvalidValueError: as :meth:`DiffbotGoalEnv.reset`.
@@ -202,43 +204,81 @@ class DiffbotGoalVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         for index, one in enumerate(seeds):
             if one is not None:
                 self._generators[index] = np_random(one)[0]
-        self._episodes.fresh[:] = True
-        self._draw()
+        every, results = np.arange(self.num_envs), self._new_results()
+        self._draw(every)
         if options and "start" in options:
-            self._episodes.starts[:] = checked_start(options["start"])
-        results = self._run(np.zeros((self.num_envs, 2)))
-        self._elapsed[:], self._episodes.fresh[:] = 0, False
-        return results.observations, self._infos(results)
+            self._episodes.starts[:] = environment.checked_start(options["start"])
+        self._begin(every, results)
+        self._fresh[:] = False
+        return self._observations(results), self._infos(results)
 
     def step(self, actions: Floats) -> tuple[Floats, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
-        """Drive each for one sampling time, or reset it if it has ended.
+        """Drive each robot for one sampling time, or reset its environment if the episode has ended.
 
         Raises:
             InvalidValueError: for actions that are not (num_envs, 2) finite numbers; others are clipped to the space.
+            ResetNeeded: before the first :meth:`reset`.
         """
-        shares, fresh = checked_actions(actions, (self.num_envs, 2)), self._episodes.fresh
-        self._draw()
-        results = self._run(shares)
+        shares, results, fresh = (
+            environment.checked_actions(actions, (self.num_envs, 2)),
+            self._new_results(),
+            self._fresh,
+        )
+        if not self._generators:
+            raise ResetNeeded("call reset before the first step")
+        self._run(np.flatnonzero(~fresh), shares, results)
         self._elapsed += 1
-        self._elapsed[fresh] = 0
+        if fresh.any():
+            beginning = np.flatnonzero(fresh)
+            self._draw(beginning)
+            self._begin(beginning, results)
         terminated, truncated = results.scores[:, 1:].any(axis=1), self._elapsed >= self._max_steps
-        fresh[:] = terminated | truncated
-        return results.observations, results.scores[:, 0].copy(), terminated, truncated, self._infos(results)
+        self._fresh = terminated | truncated
+        return self._observations(results), results.scores[:, 0].copy(), terminated, truncated, self._infos(results)
 
-    def _draw(self) -> None:
-        """Draw start and noise of the episodes that begin."""
-        seeds, starts, fresh = self._episodes
-        for index in np.flatnonzero(fresh):
-            starts[index], seeds[index] = drawn_episode(self._generators[index], self._one.start_range)
+    def _draw(self, chosen: Indices) -> None:
+        """Draw starts and seeds of episodes."""
+        for index in chosen:
+            start_range = self._one.start_range
+            self._episodes.starts[index], self._seeds[index] = environment.drawn_episode(
+                self._generators[index], start_range
+            )
 
-    def _run(self, actions: Array) -> Results:
-        """Call the kernel for the first environments, as many as there are ``actions``."""
-        n, space = len(actions), cast(Box, self._one.observation_space)
-        results = Results(np.empty((n, 7), np.float32), np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3)))
-        if not _compiled_step(self._kept, self._episodes, actions, results):
-            raise no_pose(self._one.feedback)
-        np.clip(results.observations, space.low, space.high, out=results.observations)
-        return results
+    def _begin(self, chosen: Indices, results: Results) -> None:
+        """Put robots at their starts. They stand still until the first pose."""
+        self._episodes.steps[chosen], self._elapsed[chosen] = 0, 0
+        self._draw_noise(chosen)
+        still = np.zeros((self.num_envs, 2))
+        self._step(self._kept, chosen, True, self._episodes, still, results)
+        waiting = chosen[~results.known[chosen]]
+        for _ in range(environment.MAX_WAIT):
+            if len(waiting) == 0:
+                break
+            self._run(waiting, still, results)
+            waiting = waiting[~results.known[waiting]]
+        if len(waiting) > 0:
+            raise environment.no_pose(self._one.feedback)
+        results.scores[chosen] = 0.0
+
+    def _run(self, chosen: Indices, actions: Array, results: Results) -> None:
+        """Drive robots for one sampling time. Draw the next block of noise for those that have used up theirs."""
+        self._step(self._kept, chosen, False, self._episodes, actions, results)
+        self._draw_noise(chosen[self._episodes.steps[chosen] % _BLOCK == 0])
+
+    def _draw_noise(self, chosen: Indices) -> None:
+        noise, steps, run = self._episodes.noise, self._episodes.steps, self._one.config.run
+        for index in chosen:
+            self._source.rows(self._seeds[index], run, steps[index], noise[index], self._purposes)
+
+    def _new_results(self) -> Results:
+        n = self.num_envs
+        poses = np.empty((n, 3)), np.empty((n, 3))
+        return Results(np.empty((n, 7), np.float32), np.empty((n, 3)), *poses, np.empty(n, dtype=bool))
+
+    def _observations(self, results: Results) -> Floats:
+        space = cast(Box, self._one.observation_space)
+        clipped: Floats = np.clip(results.observations, space.low, space.high, out=results.observations)
+        return clipped
 
     def _infos(self, results: Results) -> dict[str, Any]:
         infos = {"truth": results.truth, "feedback": results.feedback, "is_success": results.scores[:, 1] > 0.0}

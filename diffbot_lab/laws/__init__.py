@@ -1,7 +1,6 @@
-"""Laws of others for going to a pose, as laws of the common protocol: what this project's own is compared with.
+"""Published laws for driving to a pose, with which the benchmark compares the law of this project.
 
-They are registered under ``diffbot.controllers`` and run in nodes, too; nothing here needs more than ``math``. Each
-gets the robot's data sheet. What is not part of a published law but of its use is the same for all (:mod:`common`): the
-compensation of latency and lag, the limits, dead bands, braking within the limits, and holding still once the goal is
-reached.
+They are registered under ``diffbot.controllers``, so that nodes can run them, too. All of them get the robot's data
+sheet, and share what is part of a law's use but not of its publication (:mod:`common`): the prediction over latency and
+lag, the limits, dead bands, braking within the limits, and standing still at the goal.
 """

@@ -1,22 +1,22 @@
-"""What all laws of this room share: memory, situation, braking, limits, the turn at the end."""
+"""Parts that the laws of this package share: base class, memory, situation, braking, limits, the turn at the end."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Annotated, Any, NamedTuple
 
-from diffbot_control.law.configuration import Report
 from diffbot_control.law.goal_checker import GoalTolerance, Settling, next_settling, within
 from diffbot_control.law.latency import Actuation, coast, is_immediate, resting_actuation
+from diffbot_control.law.law import Law, Observation, Report
 from diffbot_control.law.limits import lifted_command, limit_change, limit_velocity
-from diffbot_control.law.polar_coordinates import Navigation, navigation_variables
 from diffbot_control.law.regions import OMEGA_G
-from diffbot_control.law.speed_profile import braking
+from diffbot_control.law.steering import Navigation, braking, navigation_variables
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose, into_frame, wrap_angle
 from diffbot_core.kinematics import Twist
 from diffbot_core.schema import Spec
-from diffbot_core.uncertainty import Estimate, Uncertainty
+from diffbot_core.uncertainty import Uncertainty
 
 ROTATING, DRIVING, FINISHING, REACHED = 0, 1, 2, 3
 """Phases: turning towards the goal, driving there, turning to the goal's heading, holding still."""
@@ -28,7 +28,7 @@ STOP = Twist(0.0, 0.0)
 
 
 class Stop(NamedTuple):
-    """When a law holds still, by its estimate. When the goal counts as reached is not a law's own matter."""
+    """Errors of the estimate within which a law stands still; the goal checker decides when the goal is reached."""
 
     stop_distance: Annotated[float, Spec("the robot goes no nearer than this distance", "m", 0.0, 1.0)] = 0.035
     stop_angle: Annotated[float, Spec("the robot turns no further than to this error", "rad", 0.0, 1.0)] = 0.025
@@ -38,13 +38,11 @@ class Turning(NamedTuple):
     """Turns on the spot: the largest rate that stops within the angle left, after a reaction time."""
 
     turn_brake: Annotated[float, Spec("angular deceleration of turns", "rad/s^2", 0.1, 100.0)] = 8.0
-    turn_time: Annotated[
-        float, Spec("reaction time of turns; its inverse is the gain near the end", "s", 0.01, 5.0)
-    ] = 0.4
+    turn_time: Annotated[float, Spec("reaction time of turns, 1 / gain near the end", "s", 0.01, 5.0)] = 0.4
 
 
-class LawState(NamedTuple):
-    """What a law itself keeps from step to step; each uses what it needs."""
+class PeerState(NamedTuple):
+    """State of a law from step to step; each law uses the fields that it needs."""
 
     phase: int
     direction: float
@@ -57,7 +55,7 @@ class LawMemory(NamedTuple):
     """Memory of a law of this room."""
 
     state: Any
-    """a :class:`LawState`, or what a law keeps instead"""
+    """a :class:`PeerState`, or what a law keeps instead"""
     actuation: Actuation
     """commands under way"""
     command: Twist
@@ -67,7 +65,7 @@ class LawMemory(NamedTuple):
 
 
 class Situation(NamedTuple):
-    """What a law decides on, all in the goal's frame."""
+    """Situation in which a law decides, in the goal's frame."""
 
     pose: Pose
     """estimate, coasted over latency and lag"""
@@ -82,7 +80,7 @@ class Situation(NamedTuple):
     """[s] since the last step"""
 
 
-_NEW = LawState(ROTATING, 0.0, 0.0)
+_NEW = PeerState(ROTATING, 0.0, 0.0)
 
 
 def new_law_memory(state: Any = _NEW) -> LawMemory:
@@ -90,9 +88,10 @@ def new_law_memory(state: Any = _NEW) -> LawMemory:
     return LawMemory(state, resting_actuation(), Twist(0.0, 0.0), Settling(0, False), False)
 
 
-def situation_of(memory: LawMemory, estimate: Estimate, goal: Pose, dt: float, sheet: DataSheet) -> Situation:
+def situation_of(memory: LawMemory, observation: Observation, goal: Pose, sheet: DataSheet) -> Situation:
     """Return the situation at a step."""
-    local, actuation = into_frame(estimate.pose, goal), memory.actuation
+    estimate, dt, actuation = observation.estimate, observation.dt, memory.actuation
+    local = into_frame(estimate.pose, goal)
     pose = local
     if not is_immediate(sheet):
         coasted = coast(local, actuation, memory.command, dt, sheet)
@@ -137,11 +136,12 @@ def turn_rate(angle: float, turning: Turning, sheet: DataSheet) -> float:
     return math.copysign(min(sheet.omega_max, braking(abs(angle), brake, turning.turn_time)), angle)
 
 
-def final_turn(state: LawState, theta: float, stop: Stop, turning: Turning, sheet: DataSheet) -> tuple[LawState, Twist]:
-    """Turn to the goal's heading, then hold still for good."""
-    if state.phase == REACHED or abs(theta) < stop.stop_angle:
-        return LawState(REACHED, state.direction, state.value), STOP
-    return LawState(FINISHING, state.direction, state.value), Twist(0.0, -turn_rate(theta, turning, sheet))
+def final_turn(state: PeerState, theta: float, config: Any) -> tuple[PeerState, Twist]:
+    """Turn to the goal's heading, then stand still for good; ``config`` has a stop, a turning and a data sheet."""
+    if state.phase == REACHED or abs(theta) < config.stop.stop_angle:
+        return PeerState(REACHED, state.direction, state.value), STOP
+    omega = -turn_rate(theta, config.turning, config.data_sheet)
+    return PeerState(FINISHING, state.direction, state.value), Twist(0.0, omega)
 
 
 def bearing(navigation: Navigation, direction: float) -> float:
@@ -154,3 +154,26 @@ def chosen_direction(navigation: Navigation) -> float:
     forwards = abs(navigation.alpha) + abs(navigation.beta)
     backwards = abs(wrap_angle(navigation.alpha - math.pi)) + abs(wrap_angle(navigation.beta - math.pi))
     return 1.0 if forwards <= backwards else -1.0
+
+
+def step_of(decide: Callable[[Any, Situation, Any], tuple[Any, Twist]]) -> Any:
+    """Return the function ``Law.step`` of a law that only decides on the next state and the requested command."""
+
+    def step(memory: LawMemory, observation: Observation, goal: Pose, config: Any) -> tuple[LawMemory, Twist, Report]:
+        """Answer one pose, see :meth:`diffbot_control.law.law.Law.step`."""
+        now = situation_of(memory, observation, goal, config.data_sheet)
+        state, requested = decide(memory.state, now, config)
+        return conclude(state, requested, now, config.tolerance, config.data_sheet)
+
+    # numba takes functions of the same name for one another.
+    step.__qualname__ = f"step_of_{decide.__name__}"
+    return step
+
+
+class PeerLaw(Law):
+    """Base of the laws that begin with a new :class:`LawMemory`."""
+
+    @staticmethod
+    def new_memory(config: Any) -> LawMemory:
+        """Return the memory of a robot at rest with a new goal."""
+        return new_law_memory()

@@ -3,32 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
-from diffbot_control.law.configuration import Report
 from diffbot_control.law.goal_checker import GoalTolerance
+from diffbot_control.law.law import Observation, Report
 from diffbot_control.law.limits import limit_velocity
 from diffbot_control.law.regions import OMEGA_G, OMEGA_L
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.schema import Spec
-from diffbot_core.uncertainty import Estimate
-from diffbot_lab.laws.common import (
-    DRIVING,
-    FINISHING,
-    REACHED,
-    LawMemory,
-    LawState,
-    Situation,
-    Stop,
-    Turning,
-    chosen_direction,
-    conclude,
-    new_law_memory,
-    situation_of,
-    turn_rate,
-)
+from diffbot_lab.laws import common
 
 _START_SPEED, _LEAST_SPEED = 0.15, 0.05
 """[m/s] of the integrator: the linearisation is singular at rest"""
@@ -49,15 +34,15 @@ class FeedbackLinearisationConfig(NamedTuple):
     )
     region_min: Annotated[float, Spec("least radius of Omega_L", "m", 0.0, 1.0)] = 0.04
     near_slope: Annotated[float, Spec("speed per distance in Omega_L", "1/s", 0.0, 20.0)] = 2.3
-    turning: Turning = Turning(6.9, 0.25)
-    stop: Stop = Stop(0.05, 0.05)
+    turning: common.Turning = common.Turning(6.9, 0.25)
+    stop: common.Stop = common.Stop(0.05, 0.05)
     tolerance: GoalTolerance = GoalTolerance()
     data_sheet: DataSheet = DataSheet()
 
 
 def feedback_linearisation(
-    state: LawState, now: Situation, config: FeedbackLinearisationConfig
-) -> tuple[LawState, Twist]:
+    state: common.PeerState, now: common.Situation, config: FeedbackLinearisationConfig
+) -> tuple[common.PeerState, Twist]:
     """Return the next state, its value the speed of the integrator, and the requested command.
 
     Source: G. Oriolo, A. De Luca, M. Vendittelli, "WMR control via dynamic feedback linearization", IEEE Transactions
@@ -65,11 +50,11 @@ def feedback_linearisation(
     """
     rho = now.navigation.rho
     direction, speed = state.direction, state.value
-    local = state.phase >= FINISHING
+    local = state.phase >= common.FINISHING
     if not local and rho < max(config.region_min, config.region_sigmas * now.uncertainty.xy):
         local = True
     elif direction == 0.0 or (local and rho > _LEAVING):
-        local, direction = False, chosen_direction(now.navigation)
+        local, direction = False, common.chosen_direction(now.navigation)
         speed = direction * _START_SPEED
     if local:
         return _in_region(state, now, config)
@@ -81,7 +66,7 @@ def feedback_linearisation(
     requested = limit_velocity(Twist(speed, min(max(across / speed, -limit), limit)), config.data_sheet)
     if abs(requested.v) >= _LEAST_SPEED:
         speed = requested.v
-    return LawState(DRIVING, direction, speed), requested
+    return common.PeerState(common.DRIVING, direction, speed), requested
 
 
 def _acceleration(pose: Pose, speed: float, config: FeedbackLinearisationConfig) -> tuple[float, float]:
@@ -98,34 +83,29 @@ def _acceleration(pose: Pose, speed: float, config: FeedbackLinearisationConfig)
     return min(max(a_x * c + a_y * s, -limit), limit), a_y * c - a_x * s
 
 
-def _in_region(state: LawState, now: Situation, config: FeedbackLinearisationConfig) -> tuple[LawState, Twist]:
+def _in_region(
+    state: common.PeerState, now: common.Situation, config: FeedbackLinearisationConfig
+) -> tuple[common.PeerState, Twist]:
     rho, alpha, _ = now.navigation
     inside = rho < config.stop.stop_distance and abs(now.pose.theta) < config.stop.stop_angle
-    phase = REACHED if inside or state.phase == REACHED else FINISHING
+    phase = common.REACHED if inside or state.phase == common.REACHED else common.FINISHING
     v = min(config.near_slope * rho, config.data_sheet.v_max) * math.cos(alpha)
-    omega = -turn_rate(now.pose.theta, config.turning, config.data_sheet)
-    return LawState(phase, state.direction, state.value), Twist(v, omega)
+    omega = -common.turn_rate(now.pose.theta, config.turning, config.data_sheet)
+    return common.PeerState(phase, state.direction, state.value), Twist(v, omega)
 
 
-def linearisation_memory(config: Any) -> LawMemory:
-    """Return the memory at rest with a new goal."""
-    return new_law_memory()
-
-
-def linearisation_step(
-    memory: LawMemory, estimate: Estimate, goal: Pose, dt: float, config: FeedbackLinearisationConfig
-) -> tuple[LawMemory, Twist, Report]:
-    """One step of the law."""
-    now = situation_of(memory, estimate, goal, dt, config.data_sheet)
-    state, requested = feedback_linearisation(memory.state, now, config)
-    region = OMEGA_L if state.phase >= FINISHING else OMEGA_G
-    return conclude(state, requested, now, config.tolerance, config.data_sheet, region)
-
-
-class FeedbackLinearisation:
+class FeedbackLinearisation(common.PeerLaw):
     """G. Oriolo et al., IEEE Trans. Control Systems Technology 10 (2002), with Omega_L of the switching law."""
 
     name = "feedback_linearisation"
     Config = FeedbackLinearisationConfig
-    new_memory = staticmethod(linearisation_memory)
-    step = staticmethod(linearisation_step)
+
+    @staticmethod
+    def step(
+        memory: common.LawMemory, observation: Observation, goal: Pose, config: FeedbackLinearisationConfig
+    ) -> tuple[common.LawMemory, Twist, Report]:
+        """Answer one pose."""
+        now = common.situation_of(memory, observation, goal, config.data_sheet)
+        state, requested = feedback_linearisation(memory.state, now, config)
+        region = OMEGA_L if state.phase >= common.FINISHING else OMEGA_G
+        return common.conclude(state, requested, now, config.tolerance, config.data_sheet, region)

@@ -3,33 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
-from diffbot_control.law.configuration import Report
 from diffbot_control.law.goal_checker import GoalTolerance
 from diffbot_core.data_sheet import DataSheet
-from diffbot_core.geometry import Pose, wrap_angle
+from diffbot_core.geometry import wrap_angle
 from diffbot_core.kinematics import Twist
 from diffbot_core.schema import Spec
-from diffbot_core.uncertainty import Estimate
-from diffbot_lab.laws.common import (
-    DRIVING,
-    FINISHING,
-    ROTATING,
-    LawMemory,
-    LawState,
-    Situation,
-    Stop,
-    Turning,
-    approach_speed,
-    bearing,
-    chosen_direction,
-    conclude,
-    final_turn,
-    new_law_memory,
-    situation_of,
-    turn_rate,
-)
+from diffbot_lab.laws import common
 
 _NEAR = 1e-9
 """[m] below it a curvature 1 / r is taken at this distance"""
@@ -42,9 +23,7 @@ class GracefulConfig(NamedTuple):
     latencies. Nav2's controller as it is: :mod:`diffbot_lab.laws.nav2_graceful`.
     """
 
-    prefer_final_rotation: Annotated[
-        bool, Spec("head straight for the goal and turn to its heading at the end; otherwise drive to the pose")
-    ] = True
+    prefer_final_rotation: Annotated[bool, Spec("head for the goal and turn at the end, or drive to the pose")] = True
     v_linear_max: Annotated[float, Spec("bound of the speed", "m/s", 0.01, 10.0)] = 1.3
     v_linear_min: Annotated[float, Spec("least speed", "m/s", 0.0, 1.0)] = 0.025
     k_phi: Annotated[float, Spec("k_1 of Park and Kuipers", "-", 0.0, 20.0)] = 0.5
@@ -52,11 +31,9 @@ class GracefulConfig(NamedTuple):
     beta: Annotated[float, Spec("weight of the curvature in the speed", "m^lambda", 0.0, 10.0)] = 0.24
     lambda_: Annotated[float, Spec("exponent of the curvature in the speed", "-", 0.5, 5.0, parameter="lambda")] = 1.8
     slowdown_radius: Annotated[float, Spec("the speed falls in proportion below this distance", "m", 0.05, 10.0)] = 1.5
-    initial_rotation_tolerance: Annotated[
-        float, Spec("bearing below which the initial rotation ends", "rad", 0.01, 3.2)
-    ] = 0.9
-    turning: Turning = Turning(5.7, 0.48)
-    stop: Stop = Stop(0.02, 0.012)
+    initial_rotation_tolerance: Annotated[float, Spec("the first turn ends below this bearing", "rad", 0.01, 3.2)] = 0.9
+    turning: common.Turning = common.Turning(5.7, 0.48)
+    stop: common.Stop = common.Stop(0.02, 0.012)
     tolerance: GoalTolerance = GoalTolerance()
     data_sheet: DataSheet = DataSheet()
 
@@ -95,46 +72,33 @@ def graceful_speed(r: float, curvature: float, config: GracefulConfig) -> float:
     """Speed [m/s] as in Nav2 (:func:`graceful_slowdown`, then a least speed), and slow enough to brake in time."""
     v_max = min(config.v_linear_max, config.data_sheet.v_max)
     v = graceful_slowdown(r, curvature, v_max, config.beta, config.lambda_, config.slowdown_radius)
-    return min(max(min(v, approach_speed(r, config.data_sheet)), config.v_linear_min), v_max)
+    return min(max(min(v, common.approach_speed(r, config.data_sheet)), config.v_linear_min), v_max)
 
 
-def graceful(state: LawState, now: Situation, config: GracefulConfig) -> tuple[LawState, Twist]:
+def graceful(state: common.PeerState, now: common.Situation, config: GracefulConfig) -> tuple[common.PeerState, Twist]:
     """Return the next state and the requested command."""
     sheet = config.data_sheet
     rho, _, beta = now.navigation
-    direction = state.direction if state.direction != 0.0 else chosen_direction(now.navigation)
-    if state.phase >= FINISHING or rho < config.stop.stop_distance:
-        finishing = LawState(max(state.phase, FINISHING), direction, 0.0)
-        return final_turn(finishing, now.pose.theta, config.stop, config.turning, sheet)
-    angle = bearing(now.navigation, direction)
-    if state.phase == ROTATING and abs(angle) >= config.initial_rotation_tolerance:
-        return LawState(ROTATING, direction, 0.0), Twist(0.0, turn_rate(angle, config.turning, sheet))
+    direction = state.direction if state.direction != 0.0 else common.chosen_direction(now.navigation)
+    if state.phase >= common.FINISHING or rho < config.stop.stop_distance:
+        finishing = common.PeerState(max(state.phase, common.FINISHING), direction, 0.0)
+        return common.final_turn(finishing, now.pose.theta, config)
+    angle = common.bearing(now.navigation, direction)
+    if state.phase == common.ROTATING and abs(angle) >= config.initial_rotation_tolerance:
+        return common.PeerState(common.ROTATING, direction, 0.0), Twist(
+            0.0, common.turn_rate(angle, config.turning, sheet)
+        )
     # Backwards the robot is one that faces the other way, and so does its goal.
     half_turn = 0.0 if direction > 0.0 else math.pi
     phi = 0.0 if config.prefer_final_rotation else wrap_angle(half_turn - beta)
     curvature = graceful_curvature(rho, phi, -angle, config.k_phi, config.k_delta)
     v = graceful_speed(rho, curvature, config)
-    return LawState(DRIVING, direction, 0.0), Twist(direction * v, curvature * v)
+    return common.PeerState(common.DRIVING, direction, 0.0), Twist(direction * v, curvature * v)
 
 
-def graceful_memory(config: Any) -> LawMemory:
-    """Return the memory at rest with a new goal."""
-    return new_law_memory()
-
-
-def graceful_step(
-    memory: LawMemory, estimate: Estimate, goal: Pose, dt: float, config: GracefulConfig
-) -> tuple[LawMemory, Twist, Report]:
-    """One step of the law."""
-    now = situation_of(memory, estimate, goal, dt, config.data_sheet)
-    state, requested = graceful(memory.state, now, config)
-    return conclude(state, requested, now, config.tolerance, config.data_sheet)
-
-
-class Graceful:
+class Graceful(common.PeerLaw):
     """J. J. Park, B. Kuipers, ICRA 2011, as used by Nav2's graceful controller."""
 
     name = "graceful"
     Config = GracefulConfig
-    new_memory = staticmethod(graceful_memory)
-    step = staticmethod(graceful_step)
+    step = staticmethod(common.step_of(graceful))

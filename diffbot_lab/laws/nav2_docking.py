@@ -11,9 +11,11 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, NamedTuple
 
-from diffbot_control.law.braking_step import braking_step
-from diffbot_control.law.configuration import ControllerConfig, ControllerMemory, Report, new_memory
-from diffbot_core.data_sheet import DataSheet
+from diffbot_control.law.configuration import SwitchingConfig
+from diffbot_control.law.docking import StagingLaw
+from diffbot_control.law.law import Observation, Report
+from diffbot_control.law.switching import SwitchingMemory, new_memory, with_motion
+from diffbot_control.law.switching import step as switching_step
 from diffbot_core.geometry import Pose, into_frame
 from diffbot_core.kinematics import Twist
 from diffbot_core.schema import Spec
@@ -34,9 +36,7 @@ class Nav2DockingConfig(NamedTuple):
 
     dock_backward: Annotated[bool, Spec("the back of the robot docks")] = False
     staging_distance: Annotated[float, Spec("distance of the staging pose from the docked one", "m", 0.05, 10.0)] = 0.7
-    dock_prestaging_tolerance: Annotated[
-        float, Spec("nearer to the staging pose than this, the approach begins at once", "m", 0.0, 10.0)
-    ] = 0.5
+    dock_prestaging_tolerance: Annotated[float, Spec("no staging within this distance", "m", 0.0, 10.0)] = 0.5
     docking_threshold: Annotated[float, Spec("distance within which the robot is docked", "m", 0.0, 1.0)] = 0.05
     dock_approach_timeout: Annotated[float, Spec("an approach may take so long", "s", 0.1, 3600.0)] = 30.0
     max_retries: Annotated[int, Spec("approaches after the first one", minimum=0, maximum=100)] = 3
@@ -49,23 +49,18 @@ class Nav2DockingConfig(NamedTuple):
     v_linear_max: Annotated[float, Spec("bound of the speed", "m/s", 0.01, 10.0)] = 0.25
     v_angular_max: Annotated[float, Spec("bound of the turn rate", "rad/s", 0.01, 20.0)] = 0.75
     slowdown_radius: Annotated[float, Spec("the speed falls in proportion below this distance", "m", 0.05, 10.0)] = 0.25
-    drive: ControllerConfig = ControllerConfig()
-
-    @property
-    def data_sheet(self) -> DataSheet:
-        """Of the robot."""
-        return self.drive.data_sheet
+    drive: SwitchingConfig = SwitchingConfig()
 
 
 class Docker(NamedTuple):
-    """What the law keeps from step to step."""
+    """State of the law from step to step."""
 
     phase: int
     tries: int
     """approaches that took too long"""
     age: float
     """[s] of the approach"""
-    drive: ControllerMemory
+    drive: SwitchingMemory
     """of the law that drives to the staging pose"""
 
 
@@ -94,56 +89,42 @@ def next_docker(docker: Docker, lead: Pose, dt: float, config: Nav2DockingConfig
     return Docker(phase, tries, age, docker.drive)
 
 
-def nav2_docking_memory(config: Any) -> LawMemory:
-    """Return the memory at rest with a new goal."""
-    return new_law_memory(Docker(UNDECIDED, 0, 0.0, new_memory()))
-
-
-def nav2_docking_step(
-    memory: LawMemory, estimate: Estimate, goal: Pose, dt: float, config: Nav2DockingConfig
-) -> tuple[LawMemory, Twist, Report]:
-    """One step of the law. Its approach does not look ahead over latencies; commands are kept within the data sheet."""
-    sign = -1.0 if config.dock_backward else 1.0
-    pose = into_frame(estimate.pose, goal)
-    # Of a robot that docks with its back, in the frame turned round.
-    lead = Pose(sign * pose.x, sign * pose.y, pose.theta)
-    now = situation_of(memory, estimate, goal, dt, config.drive.data_sheet)
-    docker = next_docker(memory.state, lead, dt, config)
-    if docker.phase == STAGING:
-        begun = docker.drive if memory.state.phase == STAGING else _from_motion(memory)
-        staging = Pose(-sign * config.staging_distance, 0.0, 0.0)
-        drive, command, report = braking_step(begun, Estimate(pose, estimate.uncertainty), staging, dt, config.drive)
-        state = Docker(STAGING, docker.tries, 0.0, drive)
-        return LawMemory(state, drive.actuation, command, memory.settling, False), command, report
-    requested = STOP
-    if docker.phase == APPROACHING:
-        requested = approach(lead, config)
-    elif docker.phase == PRESSING:
-        requested = Twist(config.v_linear_min, 0.0)
-    along = Twist(sign * requested.v, requested.omega)
-    return conclude(docker, along, now, config.drive.tolerance, config.drive.data_sheet)
-
-
-def _from_motion(memory: LawMemory) -> ControllerMemory:
-    """Return the memory of the switching law with a new goal, with the motion that the robot has."""
-    # Compiled code has neither _replace nor defaults.
-    new = new_memory()
-    return ControllerMemory(
-        switching=new.switching,
-        command=memory.command,
-        settling=new.settling,
-        reapproach=new.reapproach,
-        finish=new.finish,
-        course=new.course,
-        actuation=memory.actuation,
-        reached=False,
-    )
-
-
-class Nav2Docking:
+class Nav2Docking(StagingLaw):
     """Nav2's docking server with its graceful controller."""
 
     name = "nav2_docking"
     Config = Nav2DockingConfig
-    new_memory = staticmethod(nav2_docking_memory)
-    step = staticmethod(nav2_docking_step)
+
+    @staticmethod
+    def new_memory(config: Any) -> LawMemory:
+        """Return the memory of a robot at rest with a new goal."""
+        return new_law_memory(Docker(UNDECIDED, 0, 0.0, new_memory()))
+
+    @staticmethod
+    def step(
+        memory: LawMemory, observation: Observation, goal: Pose, config: Nav2DockingConfig
+    ) -> tuple[LawMemory, Twist, Report]:
+        """Answer one pose. The approach does not look ahead over latencies; commands are kept within the data sheet."""
+        sign = -1.0 if config.dock_backward else 1.0
+        estimate, dt = observation.estimate, observation.dt
+        pose = into_frame(estimate.pose, goal)
+        # The pose of the leading end: a robot that docks with its back is seen in the frame turned round.
+        lead = Pose(sign * pose.x, sign * pose.y, pose.theta)
+        now = situation_of(memory, observation, goal, config.drive.data_sheet)
+        docker = next_docker(memory.state, lead, dt, config)
+        if docker.phase == STAGING:
+            begun = docker.drive
+            if memory.state.phase != STAGING:
+                begun = with_motion(new_memory(), memory.command, memory.actuation)
+            staging = Pose(-sign * config.staging_distance, 0.0, 0.0)
+            seen = Observation(Estimate(pose, estimate.uncertainty), dt, observation.period, observation.contact)
+            drive, command, report = switching_step(begun, seen, staging, config.drive)
+            state = Docker(STAGING, docker.tries, 0.0, drive)
+            return LawMemory(state, drive.actuation, command, memory.settling, False), command, report
+        requested = STOP
+        if docker.phase == APPROACHING:
+            requested = approach(lead, config)
+        elif docker.phase == PRESSING:
+            requested = Twist(config.v_linear_min, 0.0)
+        along = Twist(sign * requested.v, requested.omega)
+        return conclude(docker, along, now, config.drive.tolerance, config.drive.data_sheet)

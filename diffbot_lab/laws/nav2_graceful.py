@@ -5,20 +5,17 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, NamedTuple
 
-from diffbot_control.law.configuration import Report
 from diffbot_control.law.goal_checker import GoalTolerance
+from diffbot_control.law.law import Law, Observation, Report
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose, into_frame, wrap_angle
 from diffbot_core.kinematics import Twist
 from diffbot_core.schema import Spec
-from diffbot_core.uncertainty import Estimate
 from diffbot_lab.laws.common import STOP, LawMemory, Stop, conclude, new_law_memory, situation_of
 from diffbot_lab.laws.graceful import graceful_curvature, graceful_slowdown
 
 _REPLANNING = 1.0
-"""[s] between two plans in Nav2's behaviour trees; each plan begins a new drive"""
-
-
+"""[s] between two plans in Nav2's behaviour trees; each plan starts from the present pose"""
 _ALL = 10**9
 """more poses than a path has"""
 
@@ -51,7 +48,7 @@ class Nav2GracefulConfig(NamedTuple):
     data_sheet: DataSheet = DataSheet()
 
 
-class Drive(NamedTuple):
+class FollowedPlan(NamedTuple):
     """A plan, a straight line to the goal, and what controller and goal checker keep with it."""
 
     x: float
@@ -69,9 +66,9 @@ class Drive(NamedTuple):
     """the goal checker has found the goal reached"""
 
 
-def new_drive(x: float, y: float, age: float) -> Drive:
-    """Return the drive along a new plan, which has nothing behind it."""
-    return Drive(x, y, age, _ALL, True, False, False)
+def new_plan(x: float, y: float, age: float) -> FollowedPlan:
+    """Return a plan that begins at (x, y) [m] and of which nothing is behind the robot."""
+    return FollowedPlan(x, y, age, _ALL, True, False, False)
 
 
 def rotation_rate(angle: float, config: Nav2GracefulConfig) -> float:
@@ -98,21 +95,21 @@ def smooth_velocity(x: float, y: float, heading: float, config: Any) -> Twist:
     return Twist(omega / curvature if curvature != 0.0 else v, omega)
 
 
-def nav2_graceful(drive: Drive, pose: Pose, config: Nav2GracefulConfig) -> tuple[Drive, Twist]:
-    """Return drive and command at a pose in the goal's frame, as ``computeVelocityCommands`` without obstacles.
+def nav2_graceful(plan: FollowedPlan, pose: Pose, config: Nav2GracefulConfig) -> tuple[FollowedPlan, Twist]:
+    """Return the plan and the command at a pose in the goal's frame, as ``computeVelocityCommands`` without obstacles.
 
     Source: github.com/ros-navigation/navigation2, branch jazzy, nav2_graceful_controller. The path's poses are counted
     from the goal; the controller takes the farthest within the lookahead, beginning at the one nearest the robot.
     """
-    length = math.hypot(drive.x, drive.y)
+    length = math.hypot(plan.x, plan.y)
     step = length / math.ceil(length / config.path_resolution) if length > 0.0 else config.path_resolution
-    back_x, back_y = (drive.x / length, drive.y / length) if length > 0.0 else (-1.0, 0.0)
+    back_x, back_y = (plan.x / length, plan.y / length) if length > 0.0 else (-1.0, 0.0)
     along = min(max(pose.x * back_x + pose.y * back_y, 0.0), length)
-    nearest = min(round(along / step), drive.left)
+    nearest = min(round(along / step), plan.left)
     to_goal = nearest * step
     if to_goal < config.stop.stop_distance:
         # It stays so until the next plan: what is behind the robot is forgotten.
-        arrived = Drive(drive.x, drive.y, drive.age, nearest, drive.rotates, drive.checked, drive.done)
+        arrived = FollowedPlan(plan.x, plan.y, plan.age, nearest, plan.rotates, plan.checked, plan.done)
         return arrived, Twist(0.0, rotation_rate(-pose.theta, config))
     to_path = math.hypot(pose.x - to_goal * back_x, pose.y - to_goal * back_y)
     target = min(max(math.ceil((to_goal + to_path - config.max_lookahead) / step), 0), nearest)
@@ -121,49 +118,47 @@ def nav2_graceful(drive: Drive, pose: Pose, config: Nav2GracefulConfig) -> tuple
     sight = math.atan2(y, x)
     if config.prefer_final_rotation and to_goal < config.max_lookahead:
         heading = sight
-    if drive.rotates and abs(sight) >= config.initial_rotation_tolerance:
-        turning = Drive(drive.x, drive.y, drive.age, nearest, True, drive.checked, drive.done)
+    if plan.rotates and abs(sight) >= config.initial_rotation_tolerance:
+        turning = FollowedPlan(plan.x, plan.y, plan.age, nearest, True, plan.checked, plan.done)
         return turning, Twist(0.0, rotation_rate(sight, config))
-    driving = Drive(drive.x, drive.y, drive.age, nearest, False, drive.checked, drive.done)
+    driving = FollowedPlan(plan.x, plan.y, plan.age, nearest, False, plan.checked, plan.done)
     return driving, smooth_velocity(x, y, heading, config)
 
 
-def goal_checked(drive: Drive, pose: Pose, stop: Stop) -> Drive:
-    """Return the drive after a look of Nav2's SimpleGoalChecker, which is stateful, at the pose."""
-    checked = drive.checked or math.hypot(pose.x, pose.y) <= stop.stop_distance
+def goal_checked(plan: FollowedPlan, pose: Pose, stop: Stop) -> FollowedPlan:
+    """Return the plan after Nav2's SimpleGoalChecker, which is stateful, has checked the pose."""
+    checked = plan.checked or math.hypot(pose.x, pose.y) <= stop.stop_distance
     done = checked and abs(pose.theta) <= stop.stop_angle
-    return Drive(drive.x, drive.y, drive.age, drive.left, drive.rotates, checked, done)
+    return FollowedPlan(plan.x, plan.y, plan.age, plan.left, plan.rotates, checked, done)
 
 
-def nav2_graceful_memory(config: Any) -> LawMemory:
-    """Return the memory at rest with a new goal, not planned for yet."""
-    return new_law_memory(new_drive(0.0, 0.0, math.inf))
-
-
-def nav2_graceful_step(
-    memory: LawMemory, estimate: Estimate, goal: Pose, dt: float, config: Nav2GracefulConfig
-) -> tuple[LawMemory, Twist, Report]:
-    """One step of the law. It does not look ahead over latencies; what it sends is kept within the data sheet."""
-    pose, drive = into_frame(estimate.pose, goal), memory.state
-    command = STOP
-    if not drive.done:
-        age = drive.age + dt
-        # The small part: a sum of periods is not exact.
-        if age >= _REPLANNING - 1e-6:
-            drive = new_drive(pose.x, pose.y, 0.0)
-        else:
-            drive = Drive(drive.x, drive.y, age, drive.left, drive.rotates, drive.checked, drive.done)
-        drive, command = nav2_graceful(drive, pose, config)
-        drive = goal_checked(drive, pose, config.stop)
-        command = STOP if drive.done else command
-    now = situation_of(memory, estimate, goal, dt, config.data_sheet)
-    return conclude(drive, command, now, config.tolerance, config.data_sheet)
-
-
-class Nav2Graceful:
-    """Nav2's graceful controller on a straight path, planned anew each second."""
+class Nav2Graceful(Law):
+    """Nav2's graceful controller on a straight path, planned again each second."""
 
     name = "nav2_graceful"
     Config = Nav2GracefulConfig
-    new_memory = staticmethod(nav2_graceful_memory)
-    step = staticmethod(nav2_graceful_step)
+
+    @staticmethod
+    def new_memory(config: Any) -> LawMemory:
+        """Return the memory of a robot at rest with a new goal and no plan yet."""
+        return new_law_memory(new_plan(0.0, 0.0, math.inf))
+
+    @staticmethod
+    def step(
+        memory: LawMemory, observation: Observation, goal: Pose, config: Nav2GracefulConfig
+    ) -> tuple[LawMemory, Twist, Report]:
+        """Answer one pose, without a look ahead over latencies; the command is kept within the data sheet."""
+        pose, plan = into_frame(observation.estimate.pose, goal), memory.state
+        command = STOP
+        if not plan.done:
+            age = plan.age + observation.dt
+            # The small part: a sum of periods is not exact.
+            if age >= _REPLANNING - 1e-6:
+                plan = new_plan(pose.x, pose.y, 0.0)
+            else:
+                plan = FollowedPlan(plan.x, plan.y, age, plan.left, plan.rotates, plan.checked, plan.done)
+            plan, command = nav2_graceful(plan, pose, config)
+            plan = goal_checked(plan, pose, config.stop)
+            command = STOP if plan.done else command
+        now = situation_of(memory, observation, goal, config.data_sheet)
+        return conclude(plan, command, now, config.tolerance, config.data_sheet)

@@ -3,33 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
-from diffbot_control.law.configuration import Report
 from diffbot_control.law.goal_checker import GoalTolerance
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose, into_frame
 from diffbot_core.kinematics import Twist
 from diffbot_core.schema import Spec
-from diffbot_core.uncertainty import Estimate
-from diffbot_lab.laws.common import (
-    DRIVING,
-    FINISHING,
-    ROTATING,
-    LawMemory,
-    LawState,
-    Situation,
-    Stop,
-    Turning,
-    approach_speed,
-    bearing,
-    chosen_direction,
-    conclude,
-    final_turn,
-    new_law_memory,
-    situation_of,
-    turn_rate,
-)
+from diffbot_lab.laws import common
 
 _PAST_GOAL = 0.05
 """[m] beyond the goal, along the line, at which the drive ends"""
@@ -42,13 +23,11 @@ _MAX_LOOKAHEAD = 3.0
 class PurePursuitConfig(NamedTuple):
     """Parameters in the sense of Nav2's regulated pure pursuit controller and rotation shim."""
 
-    turning: Turning = Turning(8.6, 0.45)
-    stop: Stop = Stop(0.044, 0.023)
+    turning: common.Turning = common.Turning(8.6, 0.45)
+    stop: common.Stop = common.Stop(0.044, 0.023)
     lookahead_time: Annotated[float, Spec("lookahead distance per speed", "s", 0.05, 10.0)] = 2.0
     min_lookahead_dist: Annotated[float, Spec("least lookahead distance", "m", 0.05, 5.0)] = 0.57
-    approach_velocity_scaling_dist: Annotated[
-        float, Spec("the speed falls in proportion below this distance", "m", 0.05, 5.0)
-    ] = 1.5
+    approach_velocity_scaling_dist: Annotated[float, Spec("the speed falls below this distance", "m", 0.05, 5.0)] = 1.5
     min_approach_linear_velocity: Annotated[float, Spec("least speed of the approach", "m/s", 0.0, 1.0)] = 0.12
     regulated_linear_scaling_min_radius: Annotated[
         float, Spec("the speed falls in curves of a smaller radius", "m", 0.01, 10.0)
@@ -58,7 +37,9 @@ class PurePursuitConfig(NamedTuple):
     data_sheet: DataSheet = DataSheet()
 
 
-def pure_pursuit(state: LawState, now: Situation, config: PurePursuitConfig) -> tuple[LawState, Twist]:
+def pure_pursuit(
+    state: common.PeerState, now: common.Situation, config: PurePursuitConfig
+) -> tuple[common.PeerState, Twist]:
     """Return the next state, its value the direction [rad] of the line, and the requested command.
 
     Source: S. Macenski, S. Singh, F. Martin, J. Gines, "Regulated pure pursuit for robot path tracking", Autonomous
@@ -68,21 +49,23 @@ def pure_pursuit(state: LawState, now: Situation, config: PurePursuitConfig) -> 
     rho, _, beta = now.navigation
     direction, line = state.direction, state.value
     if direction == 0.0:
-        direction, line = chosen_direction(now.navigation), beta
-    if state.phase >= FINISHING:
-        return final_turn(state, now.pose.theta, config.stop, config.turning, sheet)
-    angle = bearing(now.navigation, direction)
-    if state.phase == ROTATING and abs(angle) >= config.angular_dist_threshold:
-        return LawState(ROTATING, direction, line), Twist(0.0, turn_rate(angle, config.turning, sheet))
+        direction, line = common.chosen_direction(now.navigation), beta
+    if state.phase >= common.FINISHING:
+        return common.final_turn(state, now.pose.theta, config)
+    angle = common.bearing(now.navigation, direction)
+    if state.phase == common.ROTATING and abs(angle) >= config.angular_dist_threshold:
+        return common.PeerState(common.ROTATING, direction, line), Twist(
+            0.0, common.turn_rate(angle, config.turning, sheet)
+        )
     left = -(now.pose.x * math.cos(line) + now.pose.y * math.sin(line))
     if rho < config.stop.stop_distance or left < -_PAST_GOAL:
-        return final_turn(LawState(FINISHING, direction, line), now.pose.theta, config.stop, config.turning, sheet)
+        return common.final_turn(common.PeerState(common.FINISHING, direction, line), now.pose.theta, config)
     look = max(config.min_lookahead_dist, min(config.lookahead_time * sheet.v_max, _MAX_LOOKAHEAD))
     ahead = max(left - look, 0.0)
     carrot = into_frame(Pose(-ahead * math.cos(line), -ahead * math.sin(line), 0.0), now.pose)
     curvature = 2.0 * carrot.y / max(carrot.x * carrot.x + carrot.y * carrot.y, _MIN_SQUARE)
     v = direction * _regulated_speed(rho, curvature, config)
-    return LawState(DRIVING, direction, line), Twist(v, v * curvature)
+    return common.PeerState(common.DRIVING, direction, line), Twist(v, v * curvature)
 
 
 def _regulated_speed(rho: float, curvature: float, config: PurePursuitConfig) -> float:
@@ -93,27 +76,12 @@ def _regulated_speed(rho: float, curvature: float, config: PurePursuitConfig) ->
         v /= abs(curvature) * config.regulated_linear_scaling_min_radius
     if rho < config.approach_velocity_scaling_dist:
         v = min(v, max(v_max * rho / config.approach_velocity_scaling_dist, slowest))
-    return min(v, max(approach_speed(rho, config.data_sheet), slowest))
+    return min(v, max(common.approach_speed(rho, config.data_sheet), slowest))
 
 
-def pursuit_memory(config: Any) -> LawMemory:
-    """Return the memory at rest with a new goal."""
-    return new_law_memory()
-
-
-def pursuit_step(
-    memory: LawMemory, estimate: Estimate, goal: Pose, dt: float, config: PurePursuitConfig
-) -> tuple[LawMemory, Twist, Report]:
-    """One step of the law."""
-    now = situation_of(memory, estimate, goal, dt, config.data_sheet)
-    state, requested = pure_pursuit(memory.state, now, config)
-    return conclude(state, requested, now, config.tolerance, config.data_sheet)
-
-
-class PurePursuit:
+class PurePursuit(common.PeerLaw):
     """S. Macenski et al., Autonomous Robots 47 (2023), with Nav2's rotation shim."""
 
     name = "pure_pursuit"
     Config = PurePursuitConfig
-    new_memory = staticmethod(pursuit_memory)
-    step = staticmethod(pursuit_step)
+    step = staticmethod(common.step_of(pure_pursuit))

@@ -3,34 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
-from diffbot_control.law.configuration import Report
 from diffbot_control.law.goal_checker import GoalTolerance
-from diffbot_control.law.speed_profile import braking
+from diffbot_control.law.steering import braking
 from diffbot_core.data_sheet import DataSheet, rim_speed
-from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.schema import Spec
-from diffbot_core.uncertainty import Estimate
-from diffbot_lab.laws.common import (
-    DRIVING,
-    FINISHING,
-    ROTATING,
-    LawMemory,
-    LawState,
-    Situation,
-    Stop,
-    Turning,
-    approach_speed,
-    bearing,
-    chosen_direction,
-    conclude,
-    final_turn,
-    new_law_memory,
-    situation_of,
-    turn_rate,
-)
+from diffbot_lab.laws import common
 
 _PASSED = 0.5
 """[m] the drive ends when the goal is passed within this distance"""
@@ -43,8 +23,8 @@ _NEAR = 0.3
 class RotateDriveRotateConfig(NamedTuple):
     """Profiles of both turns and of the drive."""
 
-    turning: Turning = Turning()
-    stop: Stop = Stop()
+    turning: common.Turning = common.Turning()
+    stop: common.Stop = common.Stop()
     drive_brake: Annotated[float, Spec("deceleration of the drive", "m/s^2", 0.05, 100.0)] = 5.0
     drive_time: Annotated[float, Spec("reaction time of the drive", "s", 0.02, 10.0)] = 1.0
     slow_distance: Annotated[float, Spec("the drive ends slowly below this distance; 0: nowhere", "m", 0.0, 5.0)] = 0.0
@@ -55,48 +35,37 @@ class RotateDriveRotateConfig(NamedTuple):
     data_sheet: DataSheet = DataSheet()
 
 
-def rotate_drive_rotate(state: LawState, now: Situation, config: RotateDriveRotateConfig) -> tuple[LawState, Twist]:
+def rotate_drive_rotate(
+    state: common.PeerState, now: common.Situation, config: RotateDriveRotateConfig
+) -> tuple[common.PeerState, Twist]:
     """Return the next state and the requested command."""
     sheet = config.data_sheet
     rho = now.navigation.rho
-    direction = state.direction if state.direction != 0.0 else chosen_direction(now.navigation)
-    angle = bearing(now.navigation, direction)
-    if state.phase >= FINISHING:
-        return final_turn(state, now.pose.theta, config.stop, config.turning, sheet)
-    if state.phase == ROTATING and abs(angle) >= config.start_angle:
-        return LawState(ROTATING, direction, 0.0), Twist(0.0, turn_rate(angle, config.turning, sheet))
+    direction = state.direction if state.direction != 0.0 else common.chosen_direction(now.navigation)
+    angle = common.bearing(now.navigation, direction)
+    if state.phase >= common.FINISHING:
+        return common.final_turn(state, now.pose.theta, config)
+    if state.phase == common.ROTATING and abs(angle) >= config.start_angle:
+        return common.PeerState(common.ROTATING, direction, 0.0), Twist(
+            0.0, common.turn_rate(angle, config.turning, sheet)
+        )
     if rho < config.stop.stop_distance or (rho < _PASSED and abs(angle) > 0.5 * math.pi):
-        return final_turn(LawState(FINISHING, direction, 0.0), now.pose.theta, config.stop, config.turning, sheet)
-    line = Turning(config.turning.turn_brake, 1.0 / config.line_gain)
-    omega = turn_rate(angle, line, sheet) * min(1.0, rho / _NEAR)
+        return common.final_turn(common.PeerState(common.FINISHING, direction, 0.0), now.pose.theta, config)
+    line = common.Turning(config.turning.turn_brake, 1.0 / config.line_gain)
+    omega = common.turn_rate(angle, line, sheet) * min(1.0, rho / _NEAR)
     v = 0.0 if abs(angle) > _OFF_LINE else _drive_speed(rho, config) * math.cos(angle)
     v = min(v, max(rim_speed(sheet) - 0.5 * sheet.wheels.wheel_separation * abs(omega), 0.0))
-    return LawState(DRIVING, direction, 0.0), Twist(direction * v, omega)
+    return common.PeerState(common.DRIVING, direction, 0.0), Twist(direction * v, omega)
 
 
 def _drive_speed(rho: float, config: RotateDriveRotateConfig) -> float:
     fast = braking(max(rho - config.slow_distance, 0.0), config.drive_brake, config.drive_time)
-    return min(config.data_sheet.v_max, config.slow_slope * rho + fast, approach_speed(rho, config.data_sheet))
+    return min(config.data_sheet.v_max, config.slow_slope * rho + fast, common.approach_speed(rho, config.data_sheet))
 
 
-def rdr_memory(config: Any) -> LawMemory:
-    """Return the memory at rest with a new goal."""
-    return new_law_memory()
-
-
-def rdr_step(
-    memory: LawMemory, estimate: Estimate, goal: Pose, dt: float, config: RotateDriveRotateConfig
-) -> tuple[LawMemory, Twist, Report]:
-    """One step of the law."""
-    now = situation_of(memory, estimate, goal, dt, config.data_sheet)
-    state, requested = rotate_drive_rotate(memory.state, now, config)
-    return conclude(state, requested, now, config.tolerance, config.data_sheet)
-
-
-class RotateDriveRotate:
+class RotateDriveRotate(common.PeerLaw):
     """Rotate, drive, rotate; with a slow end or without. Source: common practice, e.g. Nav2's rotation shim."""
 
     name = "rotate_drive_rotate"
     Config = RotateDriveRotateConfig
-    new_memory = staticmethod(rdr_memory)
-    step = staticmethod(rdr_step)
+    step = staticmethod(common.step_of(rotate_drive_rotate))

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from concurrent.futures import Executor, Future
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.collections import LineCollection
 from numpy.typing import NDArray
+from tqdm import tqdm
 
-from diffbot_lab.paper.scenarios import Group
+from diffbot_lab.paper.experiment import Group
 from diffbot_tools.plotting import new_figure, save
 
 Array = NDArray[np.float64]
@@ -23,36 +22,32 @@ FIRST_FIGURE = {"law 13": 4, "law 17": 7, "heading 0 deg": 10, "heading 220 deg"
 
 
 class Sheet(NamedTuple):
-    """What one figure shows."""
+    """Content of one figure."""
 
     title: str
     time: Array
     """(steps + 1,) [s]"""
     histories: Array
-    """(runs, steps + 1, 10)"""
+    """(runs, steps + 1, 12)"""
     starts: int
     """number of starts; run i begins at start i modulo this"""
 
 
-def figure_paths(groups: list[Group], folder: Path, pool: Executor) -> Iterator[Future[list[Path]]]:
-    """Draw all figures of an experiment into one folder per setting, as PNG and SVG, in the workers of ``pool``."""
-    for group in groups:
+def draw_figures(groups: list[Group], folder: Path) -> None:
+    """Draw the three figures of each group into one folder per setting, with a progress bar on a terminal.
+
+    Raises:
+        OSError: if a file cannot be written.
+    """
+    for group in tqdm(groups, desc="figures", unit="group", disable=None):
         target = folder / group.setting.name
-        target.mkdir(parents=True, exist_ok=True)
-        number = FIRST_FIGURE[group.label]
-        t_s = group.setting.plant.sampling_time
-        time: Array = np.arange(group.histories.shape[1]) * np.float64(t_s)
+        target.mkdir(exist_ok=True)
+        time = np.arange(group.histories.shape[1]) * np.float64(group.setting.plant.sampling_time)
         label = group.law if group.label == group.law else f"{group.law}, {group.label}"
         sheet = Sheet(f"{label}, {group.setting.name}", time, group.histories, len(group.starts.poses))
-        for offset, (draw, what) in enumerate(((_draw_path, "path"), (_draw_pose, "pose"), (_draw_command, "command"))):
-            yield pool.submit(_draw_file, draw, sheet, target / f"figure_{number + offset:02d}_{what}")
-
-
-def _draw_file(draw: Any, sheet: Sheet, stem: Path) -> list[Path]:
-    figure = draw(sheet)
-    paths = [stem.with_suffix(".png"), stem.with_suffix(".svg")]
-    save(figure, *paths)
-    return paths
+        draws = ((_draw_path, "path"), (_draw_pose, "pose"), (_draw_command, "command"))
+        for number, (draw, what) in enumerate(draws, FIRST_FIGURE[group.label]):
+            save(draw(sheet), target / f"figure_{number:02d}_{what}.png")
 
 
 def _draw_path(sheet: Sheet) -> Any:
@@ -105,5 +100,4 @@ def _draw_series(sheet: Sheet, columns: list[Array], labels: tuple[str, ...], ti
 
 
 def _faint(axes: Any, lines: list[Array], colour: str) -> None:
-    # Rasterised: as vectors, a hundred paths make the SVG a hundred times larger.
-    axes.add_collection(LineCollection(lines, colors=colour, linewidths=0.5, alpha=0.15, rasterized=True))
+    axes.add_collection(LineCollection(lines, colors=colour, linewidths=0.5, alpha=0.15))

@@ -1,20 +1,29 @@
-"""The command ``diffbot stability``: its verbs. What they do is in modules that are imported when they are called."""
+"""The command ``diffbot stability``: options of its verbs, whose modules are imported when a verb is called."""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 from diffbot_core.errors import InvalidValueError
 from diffbot_tools.arguments import MAX_SEED, number_between, once, setting, whole
 
-_OF_CONTRACT = (
-    *("eps_position", "eps_theta", "sigma_max", "wheel_error", "eps_v", "eps_omega"),
-    *("position_slope", "theta_slope", "sigma_slope"),
-)
+_BOUNDS = {
+    "eps_position": (1e-6, "bound of the position's error [m] (0.06)"),
+    "eps_theta": (1e-6, "and of the heading [rad] (0.03)"),
+    "sigma_max": (1e-6, "of the reported deviation [m] (0.026)"),
+    "wheel_error": (0.0, "relative, of each wheel's speed (0.05)"),
+    "eps_v": (0.0, "of the base beside the request [m/s] (0)"),
+    "eps_omega": (0.0, "and of its rotation [rad/s] (0)"),
+    "position_slope": (0.0, "growth of --eps-position per metre from the goal [-] (0)"),
+    "theta_slope": (0.0, "growth of --eps-theta [rad/m] (0)"),
+    "sigma_slope": (0.0, "growth of --sigma-max [-] (0)"),
+}
+"""Options for the bounds of a contract: the smallest value, and a help text."""
 _OF_PLAN = ("period", "margin", "fineness")
-"""Options of ``certify`` by what they belong to."""
+"""Options of ``certify`` that are fields of its plan."""
 _FAR = 12.0
 """[m]"""
 
@@ -23,7 +32,7 @@ def add_stability(commands: Any) -> None:
     """Add ``diffbot stability`` to the subparsers of the command line."""
     stability = commands.add_parser("stability", help="what bounded noise can do to the law: certificates")
     verbs = stability.add_subparsers(required=True, metavar="VERB", dest="verb")
-    for add in (_add_certify, _add_adversary, _add_verify, _add_contract):
+    for add in (_add_certify, _add_verify, _add_adversary):
         add(verbs)
 
 
@@ -37,15 +46,22 @@ def _add_certify(verbs: Any) -> None:
         "--set", type=setting, nargs="+", default=[], metavar="NAME=VALUE", help="parameters of the controller"
     )
     certify.add_argument("--rho-max", type=number_between(0.1, 100.0), help="starts are within [m] (12)")
-    _add_bounds(certify)
+    for name, (least, text) in _BOUNDS.items():
+        certify.add_argument(f"--{name.replace('_', '-')}", type=number_between(least, 0.99), help=text)
     certify.add_argument("--period", type=number_between(1e-3, 10.0), help="between two poses [s] (0.1)")
-    certify.add_argument("--margin", type=number_between(0.0, 10.0), help="by which the core is larger [m] (0.01)")
+    certify.add_argument("--margin", type=number_between(0.0, 10.0), help="by which the core is larger [m] (0.19)")
     certify.add_argument("--fineness", type=number_between(0.1, 10.0), help="of the cells near the goal (1)")
     certify.add_argument("--threads", type=whole(1, 1024), help="at a time (default: one per core)")
     certify.add_argument(
         "--out", type=Path, default=Path("out/stability/certificate.json"), help="file (default: %(default)s)"
     )
     certify.set_defaults(call=_certify)
+
+
+def _add_verify(verbs: Any) -> None:
+    verify = verbs.add_parser("verify", help="check a certificate again, every cell of it")
+    verify.add_argument("file", type=Path)
+    verify.set_defaults(call=_verify)
 
 
 def _add_adversary(verbs: Any) -> None:
@@ -58,51 +74,18 @@ def _add_adversary(verbs: Any) -> None:
     adversary.set_defaults(call=_adversary)
 
 
-def _add_verify(verbs: Any) -> None:
-    verify = verbs.add_parser("verify", help="check a certificate again, every cell of it")
-    verify.add_argument("file", type=Path)
-    verify.set_defaults(call=_verify)
-
-
-def _add_contract(verbs: Any) -> None:
-    contract = verbs.add_parser("contract", help="count how often estimate and base keep the contract")
-    contract.add_argument("--robot", metavar="FILE", help="parameter file or preset (default: four cases of the arena)")
-    _add_bounds(contract)
-    contract.add_argument("--runs", type=whole(2, 10**5), help="of each case (2040, 1000, 510, 510; of a robot 500)")
-    contract.add_argument("--seed", type=whole(0, MAX_SEED), default=9017, help="of all noise (default: %(default)s)")
-    contract.add_argument("--out", type=Path, default=Path("out/contract"), help="folder (default: %(default)s)")
-    contract.set_defaults(call=_contract)
-
-
-def _add_bounds(parser: Any) -> None:
-    """Add the bounds of a contract."""
-    bound = number_between(1e-6, 0.99)
-    parser.add_argument("--eps-position", type=bound, help="bound of the position's error [m] (0.06)")
-    parser.add_argument("--eps-theta", type=bound, help="and of the heading [rad] (0.03)")
-    parser.add_argument("--sigma-max", type=bound, help="of the reported deviation [m] (0.026)")
-    parser.add_argument("--wheel-error", type=number_between(0.0, 0.99), help="relative, of each wheel's speed (0.05)")
-    parser.add_argument("--eps-v", type=number_between(0.0, 0.99), help="of the base beside the request [m/s] (0)")
-    parser.add_argument("--eps-omega", type=number_between(0.0, 0.99), help="and of its rotation [rad/s] (0)")
-    slope = number_between(0.0, 0.99)
-    parser.add_argument("--position-slope", type=slope, help="growth of --eps-position per metre from the goal [-] (0)")
-    parser.add_argument("--theta-slope", type=slope, help="growth of --eps-theta [rad/m] (0)")
-    parser.add_argument("--sigma-slope", type=slope, help="growth of --sigma-max [-] (0)")
-
-
-def _given(options: argparse.Namespace, names: tuple[str, ...]) -> dict[str, Any]:
+def _given(options: argparse.Namespace, names: Iterable[str]) -> dict[str, Any]:
     return {name: value for name in names if (value := getattr(options, name)) is not None}
 
 
 def _certify(options: argparse.Namespace) -> int:
-    from diffbot_control.law.configuration import ControllerConfig  # noqa: PLC0415
+    from diffbot_control.law.configuration import SwitchingConfig  # noqa: PLC0415
     from diffbot_core.schema import build  # noqa: PLC0415
-    from diffbot_lab.stability.certificates import certify_and_save  # noqa: PLC0415
+    from diffbot_lab.stability.certificates import certify_and_save, certify_robot  # noqa: PLC0415
     from diffbot_lab.stability.plan import Contract, Plan  # noqa: PLC0415
 
-    bounds, cells = _given(options, _OF_CONTRACT), _given(options, _OF_PLAN)
+    bounds, cells = _given(options, _BOUNDS), _given(options, _OF_PLAN)
     if options.robot is not None:
-        from diffbot_lab.stability.robot import certify_robot  # noqa: PLC0415
-
         for name in ("set", "rho_max", "period"):
             if getattr(options, name) not in (None, []):
                 raise InvalidValueError(f"--{name.replace('_', '-')}", getattr(options, name), "left out with --robot")
@@ -112,32 +95,14 @@ def _certify(options: argparse.Namespace) -> int:
     if options.since is not None:
         raise InvalidValueError("--since", options.since, "left out without --robot")
     plan = Plan(contract=Contract(**bounds), to=options.rho_max or _FAR, **cells)
-    certify_and_save(build(ControllerConfig, once("--set", options.set)), plan, options.out, options.threads)
+    certify_and_save(build(SwitchingConfig, once("--set", options.set)), plan, options.out, options.threads)
     return 0
 
 
 def _adversary(options: argparse.Namespace) -> int:
-    from diffbot_lab.stability.adversary import command  # noqa: PLC0415
+    from diffbot_lab.stability.adversary import run_adversary  # noqa: PLC0415
 
-    return command.run_adversary(options.file, options.steps, options.runs, options.seed, options.out)
-
-
-def _contract(options: argparse.Namespace) -> int:
-    from diffbot_lab.stability.contract import command  # noqa: PLC0415
-    from diffbot_lab.stability.plan import Contract  # noqa: PLC0415
-
-    bounds = _given(options, _OF_CONTRACT)
-    if options.robot is not None:
-        from diffbot_tools.robot.robot import read_robot  # noqa: PLC0415
-
-        robot = read_robot(options.robot)
-        runs = [command.runs_of_robot(robot, options.runs or command.RUNS_OF_ROBOT, options.seed)]
-        bounds = {"wheel_error": runs[0].case.plant.drive_noise, **bounds}
-    else:
-        runs = command.runs_of_arena(
-            {name: options.runs or count for name, count in command.RUNS.items()}, options.seed
-        )
-    return command.run_and_report(runs, Contract(**bounds), options.seed, options.out)
+    return run_adversary(options.file, options.steps, options.runs, options.seed, options.out)
 
 
 def _verify(options: argparse.Namespace) -> int:

@@ -2,31 +2,35 @@
 
 It states the contract, the period, every parameter of the controller, a hash of the law's code, the cells and the
 claims. The ranks are 16-bit integers, little endian, in the order of the cells, packed. The plan's margin and fineness
-only say how the cells were chosen.
+only describe how the cells were chosen.
 """
 
 from __future__ import annotations
 
+import base64
+import binascii
+import json
+import zlib
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from diffbot_control.law.configuration import ControllerConfig
+from diffbot_control.law.configuration import SwitchingConfig
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.files import write_json
 from diffbot_core.schema import build, to_dict
-from diffbot_lab.stability.plan import Contract, Plan, check_plan, requesting
-from diffbot_lab.stability.result_file import check_number, pack, read_result, unpack
+from diffbot_lab.stability.plan import Contract, Plan, check_number, check_plan, requesting
 
-FORMAT = "diffbot stability 4"
+FORMAT = "diffbot stability 5"
+_MAX_BYTES = 1_000_000_000
 MAX_CELLS = 100_000_000
 _MAX_ROWS, _MAX_COLUMNS, _MAX_STEPS = 20_000, 16_000, 32_767
 
 
 class Claims(NamedTuple):
-    """What is proved."""
+    """Statement of a certificate."""
 
     radius: float
     """[m] r*: once in the core, the robot stays within this distance"""
@@ -42,7 +46,7 @@ class Certificate(NamedTuple):
     """The contents of a file."""
 
     plan: Plan
-    config: ControllerConfig
+    config: SwitchingConfig
     rho: NDArray[np.float64]
     """(rows + 1,) edges [m]; everything nearer than the first belongs to the core"""
     alphas: NDArray[np.int64]
@@ -57,7 +61,7 @@ class Certificate(NamedTuple):
 
 
 def first_cells(alphas: NDArray[np.int64], betas: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return (rows + 1,) the index of the first cell kept of each row, and the number of them all."""
+    """Return (rows + 1,) the index of the first kept cell of each row, and the number of all kept cells."""
     return np.concatenate(([0], np.cumsum(alphas // 2 * betas)))
 
 
@@ -88,7 +92,7 @@ def load_certificate(path: Path) -> Certificate:
     Raises:
         DiffbotError: if the file cannot be read, or a value is missing or out of its range.
     """
-    content = read_result(path)
+    content = _read(path)
     if content.get("format") != FORMAT:
         raise DiffbotError(f"{path}: is no file of the format {FORMAT!r}")
     try:
@@ -97,6 +101,20 @@ def load_certificate(path: Path) -> Certificate:
         raise DiffbotError(f"{path}: {error}") from None
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise DiffbotError(f"{path}: a value is missing or of the wrong kind: {error}") from None
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        if path.stat().st_size > _MAX_BYTES:
+            raise DiffbotError(f"{path}: larger than {_MAX_BYTES} bytes")
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise DiffbotError(f"cannot read {path}: {error.strerror}") from None
+    except (ValueError, RecursionError):
+        raise DiffbotError(f"{path}: is no JSON") from None
+    if not isinstance(content, dict):
+        raise DiffbotError(f"{path}: is no JSON object")
+    return content
 
 
 def _certificate(content: dict[str, Any]) -> Certificate:
@@ -125,12 +143,12 @@ def _all_of(kind: Any, name: str, values: dict[str, Any]) -> Any:
     return kind(**values)
 
 
-def _config(values: Any) -> ControllerConfig:
+def _config(values: Any) -> SwitchingConfig:
     """Return the configuration; every parameter has to be there: a default of today is not one of the file's."""
-    missing = sorted(to_dict(ControllerConfig()).keys() - dict(values).keys())
+    missing = sorted(to_dict(SwitchingConfig()).keys() - dict(values).keys())
     if missing:
         raise DiffbotError(f"controller: without {', '.join(missing)}")
-    return build(ControllerConfig, dict(values))
+    return build(SwitchingConfig, dict(values))
 
 
 def _edges(values: Any) -> NDArray[np.float64]:
@@ -161,3 +179,30 @@ def _claims(values: Any) -> Claims:
     if isinstance(claims.steps, bool) or not isinstance(claims.steps, int) or not 0 <= claims.steps <= _MAX_STEPS:
         raise InvalidValueError("claims.steps", claims.steps, f"a whole number from 0 to {_MAX_STEPS}")
     return Claims(float(claims.radius), float(claims.start), claims.steps, float(claims.seed))
+
+
+def pack(raw: bytes) -> str:
+    """Compress bytes to a text, by zlib and base64."""
+    return base64.b64encode(zlib.compress(raw, 9)).decode()
+
+
+def unpack(name: str, text: Any, size: int) -> bytes:
+    """Return what :func:`pack` compressed; no more than ``size`` bytes are ever unpacked.
+
+    Args:
+        name: of the field.
+        text: its value.
+        size: [bytes] to be found.
+
+    Raises:
+        DiffbotError: if it is no such text, or of another size.
+    """
+    if not isinstance(text, str):
+        raise DiffbotError(f"{name}: must be a text")
+    try:
+        raw = zlib.decompressobj().decompress(base64.b64decode(text, validate=True), size + 1)
+    except (ValueError, binascii.Error, zlib.error) as error:
+        raise DiffbotError(f"{name}: {error}") from None
+    if len(raw) != size:
+        raise DiffbotError(f"{name}: must hold {size} bytes")
+    return raw

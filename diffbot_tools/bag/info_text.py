@@ -1,22 +1,26 @@
-"""A bag's description for a terminal: the lines of ``ros2 bag info``, then a table of figures."""
+"""Texts for a terminal: the description of a bag, and the result of a repair."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
 
-from diffbot_bag.bag.qos import Qos
-from diffbot_bag.tools.bag_info import BagInfo, TopicInfo
-from diffbot_bag.tools.topic_figures import TopicFigures
-from diffbot_core.foreign_files import shown
+from diffbot_bag.info import BagInfo, TopicFigures, TopicInfo
+from diffbot_bag.player import duration_text
+from diffbot_bag.qos import Qos
+from diffbot_bag.repair import Damage, Repaired
+from diffbot_core.errors import shown
 
 _LABEL = 19
 """characters of a label, as rosbag2 prints it"""
 _SERVICE_EVENTS = "/_service_event"
+MAX_LISTED = 10
+"""Damaged places and jumps of the time that are listed; the others are counted."""
 
 
 def info_text(info: BagInfo) -> str:
-    """Return the description, lines without a line break at the end."""
+    """Return the lines of ``ros2 bag info``, then a table of figures; without a line break at the end."""
     services = [topic for topic in info.topics if _is_service(topic)]
     topics = [topic for topic in info.topics if not _is_service(topic)]
     lines = [
@@ -31,8 +35,8 @@ def info_text(info: BagInfo) -> str:
         *_listed("Topic information", [_entry("Topic", topic, "Count") for topic in topics]),
         _line("Service", str(len(services))),
         *_listed("Service information", [_entry("Service", topic, "Event Count") for topic in services]),
-        *_listed("Compression", _compression(info)),
         _line("Lost", "unknown" if info.lost is None else str(info.lost)),
+        *_jumps(info),
     ]
     if any(topic.figures for topic in info.topics):
         lines += ["", *_table([("Topic", *_COLUMNS), *map(_row, info.topics)])]
@@ -58,15 +62,20 @@ def _entry(kind: str, topic: TopicInfo, count: str) -> str:
     if kind == "Service":
         name, type_name = name.removesuffix(_SERVICE_EVENTS), type_name.removesuffix("_Event")
     return (
-        f"{kind}: {shown(name)} | Type: {shown(type_name)} | {count}: {topic.message_count} | Serialization Format: cdr"
+        f"{kind}: {shown(name)} | Type: {shown(type_name)} | {count}: {topic.message_count}"
+        f" | Serialization Format: {shown(topic.encoding)}"
     )
 
 
-def _compression(info: BagInfo) -> list[str]:
-    return [
-        f"{kind}, {count} chunks, {size_text(packed)} of {size_text(unpacked)}"
-        for kind, count, packed, unpacked in info.compression
-    ] or ["no chunks"]
+def _jumps(info: BagInfo) -> list[str]:
+    lines = [
+        f"no message for {duration_text(after - before)}, from {(before - info.start) * 1e-9:.3f} s on"
+        " (`diffbot replay --skip-gaps` skips it)"
+        for before, after in info.jumps[:MAX_LISTED]
+    ]
+    if more := len(info.jumps) - len(lines):
+        lines.append(f"{more} more times of more than 60 s without a message")
+    return _listed("Time jump", lines) if lines else []
 
 
 def size_text(size: float) -> str:
@@ -128,3 +137,36 @@ def _table(rows: Sequence[tuple[str, ...]]) -> list[str]:
         )
         for row in rows
     ]
+
+
+def repair_text(out: Path, repaired: Repaired) -> str:
+    """Return what was saved in the bag ``out`` and what was lost, in lines of plain text."""
+    bag = repaired.metadata
+    topics = sum(topic.message_count > 0 for topic in bag.topics)
+    lines = [f"{shown(out)}: {bag.message_count} messages of {topics} topics in {bag.duration * 1e-9:.3f} s"]
+    lines += [f"lost: the whole file {shown(name)}, which is missing" for name in repaired.missing]
+    lines += [
+        f"{shown(name)}: had no valid index, since it was cut off, not finished or damaged at its end"
+        for name in repaired.without_index
+    ]
+    lines += [
+        f"{shown(one.file)}: lost: {one.size} bytes that cannot be read, {_place(one, bag.start)}"
+        for one in repaired.damages[:MAX_LISTED]
+    ]
+    if len(repaired.damages) > MAX_LISTED:
+        lines.append(f"lost: {len(repaired.damages) - MAX_LISTED} more places that cannot be read")
+    if repaired.lost:
+        counts = ", ".join(f"{topic} {count}" for topic, count in sorted(repaired.lost.items()))
+        lines.append(f"lost: {repaired.lost.total()} messages by the index ({shown(counts)})")
+    if repaired.unknown:
+        lines.append(f"the description of these topics is lost: {shown(', '.join(repaired.unknown))}")
+    if not (repaired.missing or repaired.damages or repaired.lost or repaired.unknown):
+        lines.append("nothing that was written is lost")
+    return "\n".join(lines)
+
+
+def _place(damage: Damage, start: int) -> str:
+    before, after = (None if time is None else f"{(time - start) * 1e-9:.3f} s" for time in damage[-2:])
+    if before and after:
+        return f"between {before} and {after}"
+    return f"after {before}" if before else f"before {after}" if after else "at an unknown time"

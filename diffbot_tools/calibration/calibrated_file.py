@@ -1,4 +1,4 @@
-"""The parameter file of a calibration: the given file with the values that were found; all else stays."""
+"""The parameter file of a calibration: the given file with the values that were found; everything else stays."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import yaml
 from ruamel.yaml import YAML
@@ -15,50 +15,27 @@ from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.error import YAMLError
 
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
-from diffbot_core.errors import DiffbotError
-from diffbot_core.foreign_files import read_text, shown
-from diffbot_core.parameter_files import MAX_BYTES, PARAMETERS, WILDCARDS
+from diffbot_core.errors import DiffbotError, shown
+from diffbot_core.files import read_text
 from diffbot_core.schema import to_dict
-from diffbot_tools.calibration.latency import Latency, limits_of
+from diffbot_core.yaml_files import MAX_BYTES, PARAMETERS, WILDCARDS
+from diffbot_tools.calibration.latency import Latency
 from diffbot_tools.calibration.parameters import Outcome
-from diffbot_tools.refilter.parameters import NODE
+from diffbot_tools.parameter_file import EKF
 
-CONTROLLER = "controller"
-_MARK = "calibrated"
-_MARKED = re.compile(rf"(; |# ?){_MARK}\b.*")
+_CONTROLLER = "controller"
+_MARKED = re.compile(r"(; |# ?)calibrated\b.*")
 """note of an earlier calibration behind a value"""
 _HEAD = re.compile(r"# Calibrated from .* by diffbot calibrate\.\n")
 _SAME = 5e-4
 """relative difference of two values that the four digits of a calibration cannot tell apart"""
 _WIDTH = 2**20
-"""characters of a line: none is broken"""
+"""longest line [characters], so that no line is broken"""
+_Maps = tuple[CommentedMap, ...]
+"""A map inside others, the outermost first."""
 
 
-class _Section(NamedTuple):
-    """The parameters of one node, or of all that a pattern stands for, in the file."""
-
-    node: str
-    """last word of the section's name"""
-    maps: tuple[CommentedMap, ...]
-    """the outermost first; the last one has the parameters"""
-
-
-class _Place(NamedTuple):
-    """Where the file has a value."""
-
-    maps: tuple[CommentedMap, ...]
-    """that hold it, the outermost first"""
-    key: str
-
-    @property
-    def values(self) -> CommentedMap:
-        """The innermost map."""
-        return self.maps[-1]
-
-
-def calibrated_file(
-    path: Path, config: EkfNodeConfig, outcome: Outcome, latency: Latency | None, head: str = ""
-) -> str:
+def calibrated_file(path: Path, config: EkfNodeConfig, outcome: Outcome, latency: Latency | None, head: str) -> str:
     """Return the text of a parameter file with the values that were found.
 
     A value is replaced where the file has it, in the section that counts for its node, with a note behind it. A value
@@ -77,8 +54,7 @@ def calibrated_file(
     """
     text = read_text(path, MAX_BYTES)
     editor = YAML()
-    editor.preserve_quotes = True
-    editor.width = _WIDTH
+    editor.preserve_quotes, editor.width = True, _WIDTH
     indented = re.search(r"^( +)[^\s#-]", text, re.MULTILINE)
     editor.map_indent = len(indented[1]) if indented else None
     try:
@@ -89,21 +65,21 @@ def calibrated_file(
     notes = {
         row.name: ", ".join(filter(None, (row.deviation and f"+- {row.deviation}", row.note))) for row in outcome.rows
     }
-    # Of new values, the first one comes first.
+    # Each new value is put first, so the last one is put before the others.
     for name, value in reversed(outcome.parameters.items()):
         if not _is_same(value, given[name]):
-            _put(content, NODE, name, value, notes.get(name, ""))
+            _put(content, EKF, name, value, notes.get(name, ""))
     if latency is not None:
-        for name, limit in limits_of(latency).items():
-            place = _find(content, CONTROLLER, name)
-            before = math.inf if place is None else place.values[place.key]
+        for name, limit in latency.limits().items():
+            maps, key = _find(content, _CONTROLLER, name) or ((CommentedMap(),), "")
+            before = maps[-1].get(key, math.inf)
             if not isinstance(before, (int, float)) or limit < before:
-                _put(content, CONTROLLER, name, float(f"{limit:.3g}"))
-        _put(content, CONTROLLER, "drive_time_constant", round(latency.time_constant, 3))
-        _put(content, CONTROLLER, "command_latency", round(latency.dead_time, 3), f"+- {latency.sigma:.2g}")
+                _put(content, _CONTROLLER, name, float(f"{limit:.3g}"))
+        _put(content, _CONTROLLER, "drive_time_constant", round(latency.time_constant, 3))
+        _put(content, _CONTROLLER, "command_latency", round(latency.dead_time, 3), f"+- {latency.sigma:.2g}")
     stream = io.StringIO()
     editor.dump(content, stream)
-    return (f"# {head}\n" if head else "") + _HEAD.sub("", stream.getvalue(), count=1)
+    return f"# {head}\n" + _HEAD.sub("", stream.getvalue(), count=1)
 
 
 def _is_same(value: Any, given: Any) -> bool:
@@ -116,69 +92,64 @@ def _is_same(value: Any, given: Any) -> bool:
 
 def _put(content: CommentedMap, node: str, name: str, value: Any, note: str = "") -> None:
     """Replace a value of a node where the file has it, or add it."""
-    # From PyYAML's text, which it reads as a number, too: not so of 1e-05.
+    # PyYAML writes 1e-05 so that it reads it as a number again.
     new = YAML().load(yaml.safe_dump({name: value}, default_flow_style=True))[name]
     place, before = _find(content, node, name), ""
     if place is None:
-        section = next((one for one in _sections(content) if one.node == node), None) or _add_section(content, node)
-        place = _Place(section.maps, name)
-        place.values.insert(0, name, new)
+        maps, key = next((maps for one, maps in _sections(content) if one == node), None), name
+        if maps is None:
+            maps = content, CommentedMap(), CommentedMap()
+            content[f"/**/{node}"], maps[1][PARAMETERS] = maps[1:]
+        maps[-1].insert(0, key, new)
     else:
-        old = place.values[place.key]
+        maps, key = place
+        old = maps[-1][key]
         before = f"{list(old) if isinstance(old, CommentedSeq) else old} before"
         if isinstance(old, CommentedSeq) and isinstance(new, CommentedSeq):
             old[:] = new  # keeps its style, and the comments behind it
         else:
-            place.values[place.key] = new
-    for one in place.maps:
+            maps[-1][key] = new
+    for one in maps:
         one.fa.set_block_style()  # a comment ends a line
-    _write_note(place, ", ".join(filter(None, (_MARK, note, before))))
+    _write_note(maps[-1], key, ", ".join(filter(None, ("calibrated", note, before))))
 
 
-def _write_note(place: _Place, note: str) -> None:
+def _write_note(values: CommentedMap, key: str, note: str) -> None:
     """Write a note behind a value, after the comment that is there."""
-    tokens = place.values.ca.items.get(place.key)
+    tokens = values.ca.items.get(key)
     if tokens is None or tokens[2] is None:
-        place.values.yaml_add_eol_comment(note, place.key)
+        values.yaml_add_eol_comment(note, key)
         return
-    # The token holds the lines up to the next value, too.
+    # The token also holds the lines up to the next value.
     line, newline, rest = tokens[2].value.partition("\n")
     line = _MARKED.sub("", line).rstrip()
     tokens[2].value = (f"{line}; {note}" if line else f"# {note}") + newline + rest
 
 
-def _add_section(content: CommentedMap, node: str) -> _Section:
-    outer, parameters = CommentedMap(), CommentedMap()
-    outer[PARAMETERS] = parameters
-    content[f"/**/{node}"] = outer
-    return _Section(node, (content, outer, parameters))
-
-
-def _find(content: CommentedMap, node: str, name: str) -> _Place | None:
-    """Return the place of the value that counts for a node: the last one; None if the file does not have it."""
+def _find(content: CommentedMap, node: str, name: str) -> tuple[_Maps, str] | None:
+    """Return the map and the key of the value that counts for a node: the last one; None if the file has none."""
     found = None
-    for section in _sections(content):
-        if section.node in (node, *WILDCARDS):
-            for place, full_name in _places(section.maps):
-                found = place if full_name == name else found
+    for section, maps in _sections(content):
+        if section in (node, *WILDCARDS):
+            found = next((place for place, full_name in _values(maps) if full_name == name), found)
     return found
 
 
-def _sections(content: CommentedMap, above: tuple[CommentedMap, ...] = ()) -> Iterator[_Section]:
-    """Yield the sections in the order of :func:`diffbot_core.parameter_files.read_sections`."""
+def _sections(content: CommentedMap, above: _Maps = ()) -> Iterator[tuple[str, _Maps]]:
+    """Yield node and parameters of the sections in the order of :func:`diffbot_core.yaml_files.read_sections`."""
     above = (*above, content)
     for name, entry in content.items():
         if not isinstance(entry, CommentedMap) or (name == PARAMETERS and len(above) > 1):
             continue
         if isinstance(parameters := entry.get(PARAMETERS), CommentedMap):
-            yield _Section(str(name).strip("/").rpartition("/")[2], (*above, entry, parameters))
+            yield str(name).strip("/").rpartition("/")[2], (*above, entry, parameters)
         yield from _sections(entry, above)
 
 
-def _places(maps: tuple[CommentedMap, ...], prefix: str = "") -> Iterator[tuple[_Place, str]]:
+def _values(maps: _Maps, prefix: str = "") -> Iterator[tuple[tuple[_Maps, str], str]]:
     """Yield the place of each value and its name: ROS joins the names of nested maps with dots."""
     for key, value in maps[-1].items():
         if isinstance(value, CommentedMap):
-            yield from _places((*maps, value), f"{prefix}{key}.")
+            yield from _values((*maps, value), f"{prefix}{key}.")
         else:
-            yield _Place(maps, key), f"{prefix}{key}"
+            yield (maps, key), f"{prefix}{key}"

@@ -12,21 +12,19 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from diffbot_bag.bag.reader import BagReader
 from diffbot_control.ros.messages.fields import stamp_ns
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.errors import BadMessageError, DiffbotError
 from diffbot_core.files import write_text
-from diffbot_core.units import S_PER_NS
-from diffbot_tools.bag.unfinished_bags import print_warning
+from diffbot_core.stamps import S_PER_NS
 from diffbot_tools.calibration.calibrate import Calibration, Judged, calibrate
 from diffbot_tools.calibration.calibrated_file import calibrated_file
 from diffbot_tools.calibration.events import Array, EventReader, Events
-from diffbot_tools.calibration.latency import Latency, latency_of, limits_of
+from diffbot_tools.calibration.latency import Latency, latency_of
 from diffbot_tools.calibration.parameters import Outcome, outcome_of
-from diffbot_tools.refilter.command import check_exists, parameter_file_of, topics_of
-from diffbot_tools.refilter.filter_run import inputs_of
-from diffbot_tools.refilter.parameters import read_config
+from diffbot_tools.opened_bag import open_bag
+from diffbot_tools.parameter_file import read_config
+from diffbot_tools.refilter import inputs_of, parameter_file_of, topics_of
 
 COMMANDS = "/cmd_vel"
 
@@ -48,16 +46,14 @@ def run(bags: list[Path], params: Path | None, out: Path, until: float, remap: d
     if os.path.lexists(out):
         raise DiffbotError(f"{out} exists already: choose another name for the parameter file")
     if not out.absolute().parent.is_dir():
-        raise DiffbotError(f"{out.parent} is no folder to write {out.name} to")
-    for bag in bags:
-        check_exists(bag)
-    given = parameter_file_of(bags[0]) if params is None else params
-    config, _ = read_config(given)
+        raise DiffbotError(f"{out.parent} is not a folder: {out.name} cannot be written")
+    given = parameter_file_of(bags[0], params)
+    config = read_config(given)
     drives, commands = zip(*(read_drive(bag, config, until, remap) for bag in bags), strict=True)
     with tqdm(desc="calibrate", unit="run", disable=None) as bar:
 
         def on_phase(text: str) -> None:
-            """Say what begins: on a terminal above the bar."""
+            """Print the text above the progress bar."""
             bar.write(f"calibrate: {text}", file=sys.stderr)
 
         calibration = calibrate(list(drives), config, bar.update, on_phase)
@@ -77,10 +73,9 @@ def read_drive(bag: Path, config: EkfNodeConfig, until: float, remap: dict[str, 
     Raises:
         DiffbotError: if the bag cannot be read or has too little in it.
     """
-    with BagReader(bag) as reader:
-        print_warning(reader)
+    with open_bag(bag) as reader:
         names = topics_of(reader, config, remap)
-        check_measured(bag, config, names)
+        _check_measured(bag, config, names)
         collected = EventReader(config, names)
         topics = (*collected.topics, COMMANDS) if COMMANDS in reader.topics else collected.topics
         found = reader.topics
@@ -99,11 +94,11 @@ def read_drive(bag: Path, config: EkfNodeConfig, until: float, remap: dict[str, 
     return events, commands[np.argsort(commands[:, 0], kind="stable")]
 
 
-def check_measured(bag: Path, config: EkfNodeConfig, names: dict[str, str]) -> None:
-    """Refuse a bag without anything that measures the pose.
+def _check_measured(bag: Path, config: EkfNodeConfig, names: dict[str, str]) -> None:
+    """Refuse a bag without a measurement of the pose.
 
     Raises:
-        DiffbotError: naming the topics and types that would do.
+        DiffbotError: naming the topics and types that the calibration can use.
     """
     types = inputs_of(config)
     sources = config.localization.sources.pose_sources
@@ -139,9 +134,9 @@ def describe(calibration: Calibration, outcome: Outcome, latency: Latency | None
     for row in outcome.rows:
         lines.append(f"{row.name:28}{row.before:12.4g}{row.after:12.4g}{row.deviation:>12}  {row.note}".rstrip())
     if latency is not None:
-        lines.append(f"{'command_latency':28}{'':12}{latency.dead_time:12.4g}{latency.sigma:12.2g}")
-        lines.append(f"{'drive_time_constant':28}{'':12}{latency.time_constant:12.4g}")
-        lines += [f"{name:28}{'':12}{limit:12.4g}" for name, limit in limits_of(latency).items()]
+        lines.append(f"{'command_latency':28}{'':12}{latency.dead_time:12.3f}{latency.sigma:12.2g}")
+        lines.append(f"{'drive_time_constant':28}{'':12}{latency.time_constant:12.3f}")
+        lines += [f"{name:28}{'':12}{limit:12.4g}" for name, limit in latency.limits().items()]
     else:
         lines.append("command_latency and drive_time_constant: not determined; they need abrupt changes of cmd_vel")
     lines += ["", f"{'held-out half':28}{'before':>12}{'after':>12}"]

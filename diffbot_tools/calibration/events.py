@@ -1,58 +1,47 @@
-"""A recorded drive as arrays: what the likelihood of its innovations needs, in the order of the stamps."""
+"""A recorded drive as the arrays that the likelihood of its innovations needs, in the order of the stamps."""
 
 from __future__ import annotations
 
 import math
-from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from diffbot_control.filter.gyro import GyroSample
-from diffbot_control.filter.measurements import (
-    FIXES,
-    HEADINGS,
-    LANDMARKS,
-    Heading,
-    LandmarkMeasurement,
-    Measurement,
-    PoseFix,
-    PositionFix,
-    Source,
-)
-from diffbot_control.filter.measurements.fix import further_source
-from diffbot_control.filter.measurements.measurement import Key, key_of
+from diffbot_control.filter.config import sources_of
+from diffbot_control.filter.measurement import FIXES, HEADINGS, LANDMARKS, GyroSample, Key, Measurement
+from diffbot_control.filter.models import HEADING, LANDMARK, POSE_FIX, is_fix
 from diffbot_control.filter.odometry import OdometryStep
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.errors import BadMessageError, DiffbotError
 from diffbot_core.geometry import Pose
-from diffbot_core.units import S_PER_NS
-from diffbot_sim.compiled.ekf import GYRO, POSE
-from diffbot_tools.refilter.filter_run import Answer, FilterRun
+from diffbot_core.stamps import S_PER_NS
+from diffbot_tools.refilter import Answer, FilterRun
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 """(k,) which measurements count"""
-HEADING, LANDMARK, FIX, RESET = 0, 1, 2, 3
-"""Kinds of event."""
+RESET = -1
+"""Kind of an event at which the pose is set; all others are measurements."""
+FIX_SENSOR, HEADING_SENSOR, LANDMARK_SENSOR, FURTHER_SENSORS = 0, 1, 2, 3
+"""Places of the sensors, in the order of :func:`sources_of`; the last one is the first further source of fixes."""
+STATES = 10
+"""Number of states of the filter with all errors; errors of single sources come after them."""
 MIN_MEASUREMENTS, MIN_DURATION = 30, 10.0
 """A drive with fewer measurements, or shorter than this [s], determines nothing."""
 _MAX_GAP = 1000.0
 """[s] between two odometry messages; the filter would start again"""
-_STATES = (0, 3, 8, 16, 32)
-"""Numbers of errors of sources that can be states: the filter is compiled for each number once."""
+_MAX_ERRORS = 32
+"""Errors of sources that can be states."""
 _MAX_RATE_GAP = 5.0
 """Periods of a gyro without a sample, beyond which nothing is known of the turn rate."""
 _NO_RATE, UNKNOWN_RATE = 1e6, 1.0
 """[rad^2/s^2] variance of a turn rate in such a gap; one that is larger than the second is not known"""
-_ORIGIN = Pose(0.0, 0.0, 0.0)
-_NO_SOURCE = Source("")
-"""Of a pose that was put in by hand."""
-Usable = PoseFix | PositionFix | Heading | LandmarkMeasurement
-"""Measurements that the kernel knows."""
+_BY_HAND = ""
+"""Source of a pose that was set by hand."""
 
 
 class Odometry(NamedTuple):
@@ -80,30 +69,26 @@ class Rates(NamedTuple):
 
 
 class Measurements(NamedTuple):
-    """Measurements and resets of the pose, in the order in which the filter fuses them.
-
-    Their sensors: 0 headings, 1 landmarks, 2 fixes on ``global_pose``, and then one for each further source of fixes;
-    -1 for a pose that was put in by hand.
-    """
+    """Measurements and resets of the pose, in the order in which the filter fuses them."""
 
     time: Array
     """(k,) [s]"""
     kind: NDArray[np.int64]
-    """(k,) HEADING, LANDMARK, FIX or RESET"""
+    """(k,) of :mod:`models`, or RESET"""
     sensor: NDArray[np.int64]
-    """(k,)"""
+    """(k,) place in :func:`sources_of`; -1 for a pose that was set by hand"""
     source: NDArray[np.int64]
     """(k,) 0, 1, ...: sources whose errors may be correlated in time; each landmark is one"""
     values: Array
-    """(k, 3) theta; range and bearing; x, y and theta"""
+    """(k, 3) the numbers that the kind has, then zeros"""
     R: Array
-    """(k, 3, 3) covariance of the values; inf on the diagonal: not measured"""
+    """(k, 3, 3) their covariance"""
     place: Array
     """(k, 2) of the landmark [m]"""
     gap: Array
-    """(k,) [s] since the measurement before of the same source; inf: none, or its error is no state any more"""
+    """(k,) [s] since the measurement before whose error is in the same states; inf: there is none"""
     slot: NDArray[np.int64]
-    """(k,) first of the states that are the errors of the source; -1: they are none"""
+    """(k,) first of the states that are the errors of the source; -1: they are not states"""
 
 
 class Events(NamedTuple):
@@ -125,23 +110,23 @@ class Events(NamedTuple):
 
 
 class Collector:
-    """Stands in the place of a localization and keeps its input; refuses what the filter would drop."""
+    """Replaces a localization and keeps its input; refuses what the filter would drop."""
 
-    def __init__(self, further: tuple[str, ...] = ()) -> None:
-        """Start without a pose; ``further`` are the topics of fixes beside ``global_pose``."""
-        self._sensors = (HEADINGS, LANDMARKS, FIXES, *(further_source(one).sensor for one in further))
+    def __init__(self, sources: Sequence[str] = (FIXES, HEADINGS, LANDMARKS)) -> None:
+        """Start without a pose; ``sources`` are those of :func:`sources_of`."""
+        self._sources = list(sources)
         self.rates: list[GyroSample] = []
         self.segments: list[tuple[int, OdometryStep]] = []
-        self.measured: list[Usable] = []
-        self.resets: list[PoseFix] = []
+        self.measured: list[Measurement] = []
+        self.resets: list[Measurement] = []
         self._stamp: int | None = None
         self._keys: set[Key] = set()
 
-    def initialise(self, pose: Pose, P: Any, stamp: int | None = None, source: Source = _NO_SOURCE) -> None:
+    def initialise(self, pose: Pose, P: Any, stamp: int | None = None, source: str = _BY_HAND) -> None:
         """Put the filter at a pose with covariance ``P`` (3, 3), measured by a source."""
         if self._stamp is None:
             self._stamp = stamp
-        self.resets.append(PoseFix(-1 if self._stamp is None else self._stamp, pose, P, source))
+        self.resets.append(Measurement(-1 if self._stamp is None else self._stamp, source, POSE_FIX, np.array(pose), P))
 
     def on_odometry(self, odometry: OdometryStep) -> None:
         """Add a message.
@@ -154,12 +139,11 @@ class Collector:
             raise BadMessageError("no fix yet")
         last = odometry.stamp if self._stamp is None else self._stamp
         self._stamp = max(last, odometry.stamp)
-        if odometry.stamp <= last:
+        gap = (odometry.stamp - last) * S_PER_NS
+        if gap <= 0.0:
             raise BadMessageError("odometry out of order or repeated")
-        if (odometry.stamp - last) * S_PER_NS > _MAX_GAP:
-            raise DiffbotError(
-                f"odometry has a gap of {(odometry.stamp - last) * S_PER_NS:.0f} s: at most {_MAX_GAP:g}"
-            )
+        if gap > _MAX_GAP:
+            raise DiffbotError(f"odometry has a gap of {gap:.0f} s: at most {_MAX_GAP:g}")
         self.segments.append((last, odometry))
 
     def on_gyro(self, sample: GyroSample) -> None:
@@ -183,73 +167,70 @@ class Collector:
         return errors
 
     def on_measurement(self, measurement: Measurement) -> None:
-        """Add a measurement; the first fix puts the filter there.
+        """Add a measurement; the first fix sets the pose.
 
         Raises:
             BadMessageError: if the filter would not use it.
         """
-        if not isinstance(measurement, (PoseFix, PositionFix, Heading, LandmarkMeasurement)):
+        if measurement.source not in self._sources:
             raise BadMessageError("not used by the calibration")
-        key = key_of(measurement)
-        if key in self._keys:
+        if measurement.key in self._keys:
             raise BadMessageError("duplicate")
-        if not math.isfinite(sum(key[2])):
+        if not math.isfinite(sum(measurement.key[3])):
             raise BadMessageError("measurement not finite")
         if not self.resets:
-            start = measurement.restart(_ORIGIN)
-            if start is None:
+            if not is_fix(measurement.kind):
                 raise BadMessageError("no fix yet")
-            self.initialise(*start, measurement.stamp, measurement.source)
+            m = len(measurement.z)
+            pose, P = np.zeros(3), np.diag((0.0, 0.0, math.pi**2))
+            pose[:m], P[:m, :m] = measurement.z, measurement.R
+            self.initialise(Pose(*pose.tolist()), P, measurement.stamp, measurement.source)
             return
-        self._keys.add(key)
+        self._keys.add(measurement.key)
         self.measured.append(measurement)
 
     def events(self, name: str, until: float = math.inf, reasons: str = "") -> Events:
         """Return what was collected in the first ``until`` [s]; ``reasons`` why messages were dropped, for an error.
 
         Raises:
-            DiffbotError: if that is too little to determine anything.
+            DiffbotError: if the drive is too short to determine anything.
         """
+        because = f" ({reasons})" if reasons else ""
         if not self.segments:
-            raise DiffbotError(f"{name}: no odometry that the filter can use{reasons}")
+            raise DiffbotError(f"{name}: no odometry that the filter can use{because}")
         first = self.segments[0][0]
         segments = [one for one in self.segments if (one[1].stamp - first) * S_PER_NS <= until] or self.segments[:1]
         last = segments[-1][1].stamp
-        measured = sorted((one for one in self.measured if first <= one.stamp <= last), key=key_of)
+        measured = sorted((one for one in self.measured if first <= one.stamp <= last), key=attrgetter("key"))
         duration = (last - first) * S_PER_NS
         if len(measured) < MIN_MEASUREMENTS:
             raise DiffbotError(
-                f"{name}: {len(measured)} measurements while driving, at least {MIN_MEASUREMENTS} are needed{reasons}"
+                f"{name}: {len(measured)} measurements while driving, at least {MIN_MEASUREMENTS} are needed{because}"
             )
         if duration < MIN_DURATION:
             raise DiffbotError(f"{name}: {duration:.1f} s of odometry, at least {MIN_DURATION:g} s are needed")
         resets = [replace(one, stamp=max(one.stamp, first)) for one in self.resets if one.stamp <= last]
-        measurements = _measurements(resets, measured, first, self._sensors)
-        rates = _rates([one for one in self.rates if first <= one.stamp <= last], first)
-        return Events(name, _odometry(segments, first), rates, measurements, first)
+        rates = [one for one in self.rates if first <= one.stamp <= last]
+        measurements = _measurements(resets, measured, first, self._sources)
+        return Events(name, _odometry(segments, first), _rates(rates, first), measurements, first)
 
 
 class EventReader(FilterRun):
-    """Takes recorded messages as a filter does, with the same conversions, and keeps them instead."""
+    """Converts recorded messages as the filter does, and keeps them."""
 
     def __init__(self, config: EkfNodeConfig, topics: dict[str, str]) -> None:
         """Start empty; arguments as of the base class."""
         super().__init__(config, topics)
-        self._collector = Collector(config.localization.sources.pose_sources)
-        self.localization: Any = self._collector
+        self.localization: Any = Collector(sources_of(config.localization))
 
-    def _answer(self, odometry: OdometryStep) -> Answer | None:  # type: ignore[override]
-        self._collector.on_odometry(odometry)
+    def _answer(self, odometry: OdometryStep) -> Answer | None:
+        self.localization.on_odometry(odometry)
         return None
 
     def events(self, name: str, until: float = math.inf) -> Events:
         """Return what was collected in the first ``until`` [s]; see :meth:`Collector.events`."""
-        return self._collector.events(name, until, _reasons(self.dropped))
-
-
-def _reasons(dropped: Counter[tuple[str, str]]) -> str:
-    text = "; ".join(f"{topic}: {kind} ({count})" for (topic, kind), count in dropped.most_common(3))
-    return f" ({text})" if text else ""
+        found: Events = self.localization.events(name, until, self.reasons())
+        return found
 
 
 def _odometry(segments: list[tuple[int, OdometryStep]], zero: int) -> Odometry:
@@ -276,51 +257,48 @@ def _rates(samples: list[GyroSample], zero: int) -> Rates:
     return Rates(*np.pad(sums, ((0, 0), (1, 0))) + np.array([[time[0] - usual], [0.0], [0.0]]))
 
 
-def _measurements(resets: list[PoseFix], measured: list[Usable], zero: int, sensors: tuple[str, ...]) -> Measurements:
-    rows = [(one.stamp, 0, RESET, one) for one in resets] + [(one.stamp, 1, _kind(one), one) for one in measured]
+def _measurements(
+    resets: list[Measurement], measured: list[Measurement], zero: int, sources: list[str]
+) -> Measurements:
+    rows = [(one.stamp, 0, RESET, one) for one in resets] + [(one.stamp, 1, one.kind, one) for one in measured]
     rows.sort(key=lambda row: row[:2])  # stable: measurements stay in their order
     count = len(rows)
     values, R, place = np.zeros((count, 3)), np.zeros((count, 3, 3)), np.zeros((count, 2))
-    sources: dict[Any, int] = {}
-    sensor, source, gap = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64), np.full(count, np.inf)
-    time = np.array([(stamp - zero) * S_PER_NS for stamp, *_ in rows])
-    newest: dict[int, float] = {}
+    own: dict[Any, int] = {}
+    sensor, source, none = np.full(count, -1), np.zeros(count, dtype=np.int64), np.full(count, -1)
     for index, (*_, one) in enumerate(rows):
-        numbers, covariance = _numbers(one)
-        size = len(numbers)
-        values[index, :size], R[index, :size, :size] = numbers, covariance
-        if isinstance(one, LandmarkMeasurement):
-            place[index] = one.landmark
-        sensor[index] = sensors.index(one.source.sensor) if one.source != _NO_SOURCE else -1
-        source[index] = own = sources.setdefault(one.source, len(sources))
-        gap[index] = time[index] - newest.get(own, -math.inf)
-        newest[own] = time[index]
+        m = len(one.z)
+        values[index, :m], R[index, :m, :m], place[index] = one.z, one.R, one.at
+        if one.source != _BY_HAND:
+            sensor[index] = sources.index(one.source)
+        source[index] = own.setdefault((one.source, one.at), len(own))
+    time = np.array([(stamp - zero) * S_PER_NS for stamp, *_ in rows])
     kinds = np.array([row[2] for row in rows], dtype=np.int64)
-    return Measurements(time, kinds, sensor, source, values, R, place, gap, np.full(count, -1))
+    return Measurements(time, kinds, sensor, source, values, R, place, np.full(count, np.inf), none)
 
 
 def with_error_states(events: Events, sensors: set[int]) -> Events:
-    """Let the errors of these sensors be states of the filter; of landmarks, those of the last seen.
+    """Make the errors of these sensors states of the filter; of landmarks, only the errors of those measured last.
 
-    Of a landmark whose range or bearing is missing now and then, those are two sources.
+    A landmark whose range or bearing is missing now and then counts as one source for each kind of its measurements.
     """
     measured = events.measurements
-    slot, gap = np.full_like(measured.slot, -1), measured.gap.copy()
+    slot, gap = np.full_like(measured.slot, -1), np.full_like(measured.gap, np.inf)
     indices = np.flatnonzero(np.isin(measured.sensor, list(sensors))).tolist()
-    # The others first: they stay. A landmark takes the states of the one that was not seen for the longest time.
-    indices.sort(key=lambda index: measured.kind[index] == LANDMARK)
+    # The others first: they stay. A landmark replaces the one that was not measured for the longest time.
+    indices.sort(key=lambda index: measured.kind[index] >= LANDMARK)
     slots: tuple[dict[Any, int], dict[Any, int]] = {}, {}
     newest: dict[Any, float] = {}
     size = 0
     for index in indices:
         kind = int(measured.kind[index])
-        known = np.isfinite(measured.R[index].diagonal()).tobytes() if kind == LANDMARK else b""
-        source, of = (int(measured.source[index]), known), slots[kind == LANDMARK]
-        width = {HEADING: 1, LANDMARK: 2}.get(kind, POSE)
+        is_landmark = kind >= LANDMARK
+        source, of = (int(measured.source[index]), kind if is_landmark else 0), slots[is_landmark]
+        width = 1 if kind == HEADING else 2 if is_landmark else 3
         if source in of:
             of[source] = of.pop(source)
-        elif size + width <= _STATES[-1]:
-            of[source] = GYRO + size
+        elif size + width <= _MAX_ERRORS:
+            of[source] = STATES + size
             size += width
         else:
             oldest = next(iter(of))
@@ -329,26 +307,7 @@ def with_error_states(events: Events, sensors: set[int]) -> Events:
         slot[index] = of[source]
         gap[index] = measured.time[index] - newest.get(source, -math.inf)
         newest[source] = float(measured.time[index])
-    size = next(one for one in _STATES if one >= size)
     return events._replace(measurements=measured._replace(slot=slot, gap=gap), errors=size)
-
-
-_KINDS = {PoseFix: FIX, PositionFix: FIX, Heading: HEADING, LandmarkMeasurement: LANDMARK}
-
-
-def _kind(measurement: Usable) -> int:
-    return _KINDS[type(measurement)]
-
-
-def _numbers(measurement: Usable) -> tuple[Any, Array]:
-    """Return the numbers of a row and their covariance; the kernel marks a missing number of a landmark by its R."""
-    if isinstance(measurement, LandmarkMeasurement):
-        return (measurement.range, measurement.bearing), measurement.R
-    if isinstance(measurement, PositionFix):
-        pose, P = measurement.restart(_ORIGIN)
-        P[2, 2] = math.inf
-        return pose, P
-    return measurement.z, measurement.R
 
 
 def averaged(events: Events, period: float) -> Events:
@@ -357,10 +316,10 @@ def averaged(events: Events, period: float) -> Events:
     A message longer than that stays as it is. The covariance becomes that of the mean of independent errors.
     """
     start, end, twist, covariance = events.odometry
-    # A new group begins with the message that would make the present one too long, or that follows a gap.
+    # A new group begins with the message that would make the present one too long.
     first = [0]
     for index in range(1, len(start)):
-        if end[index] - start[first[-1]] > period * 1.001 or start[index] > end[index - 1] + 1e-9:
+        if end[index] - start[first[-1]] > period * 1.001:
             first.append(index)
     at = np.array(first)
     last = np.append(at[1:], len(start)) - 1

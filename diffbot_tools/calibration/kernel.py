@@ -1,177 +1,227 @@
-"""The compiled filter over the arrays of a drive: what comes when, and the figures of each measurement.
+"""The filter over the arrays of a drive, with the log likelihood of each measurement; compiled.
 
-States, models and algebra are of :mod:`diffbot_sim.compiled.ekf`.
+Motion, expected measurements and corrections are those of :mod:`diffbot_control.filter`, compiled as in the simulation.
+The first ten states are the filter's states with all errors. After them come the errors of single sources, which are
+states where they are correlated in time.
 """
 
 from __future__ import annotations
 
+import functools
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from diffbot_control.filter.correlation import MIN_DT, inflation_after
-from diffbot_control.filter.models import NO_RATE, Motion, TurnRate, slip_covariance
-from diffbot_control.filter.odometry_noise import MotionDensity, motion_density, over_time
+from diffbot_control.filter import kalman
+from diffbot_control.filter.config import options_of
+from diffbot_control.filter.ekf import correct_state, move_state
+from diffbot_control.filter.models import (
+    POSE_FIX,
+    WHEELS,
+    Expected,
+    Motion,
+    Reading,
+    TurnRate,
+    expect,
+    is_angle,
+    is_defined,
+    rate_expectation,
+    size_of,
+    slip_covariance,
+)
+from diffbot_control.filter.noise import inflation_after
+from diffbot_control.filter.odometry import MESSAGE, Densities, densities_of, motion_noise
+from diffbot_control.filter.state import Options, reset_pose
+from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.geometry import Point, Pose
 from diffbot_core.kinematics import Twist, TwistCovariance, add_twist_covariance, scale_twist_covariance
-from diffbot_sim.compiled.ekf import (
-    POSE,
-    WHEELS,
-    belief_type,
-    correct,
-    fill_fix,
-    fill_heading,
-    fill_landmark,
-    fill_rate,
-    normalise,
-    predict,
-    reset_to,
-    work_type,
-)
-from diffbot_tools.calibration.events import UNKNOWN_RATE, Events, Odometry, Rates
-from diffbot_tools.calibration.settings import (
-    COLUMNS,
-    DENSITY,
-    INNOVATION,
-    LOG_2PI,
-    MESSAGE,
-    NANO,
-    NIS,
-    NUMBERS,
-    RATES,
-    TERM,
-    WEIGHT,
-    WHITE,
-    Settings,
-)
+from diffbot_sim.compiled_kalman import factorise
+from diffbot_sim.jit import compile_kernel
+from diffbot_tools.calibration.events import RESET, STATES, UNKNOWN_RATE, Array, Events, Odometry
+
+NUMBERS, TERM, RATES, WHITE, COLUMNS = 0, 1, 2, 3, 6
+"""Columns of the result: count of numbers; log likelihood; log likelihood of the turn rates since the measurement
+before; whitened innovation (3)."""
+_LOG_2PI = math.log(2.0 * math.pi)
+_NANO = 1e-9
+"""[s] Times that differ by less are equal."""
+_MIN_DT = 1e-3
+"""[s] Shortest time that is assumed between two measurements of one source."""
+
+compiled = functools.cache(compile_kernel)
 
 
-def filter_type(n: int) -> Any:
-    """Return the type of the filter's arrays for ``n`` states; after the bias of the gyro, errors of sources.
+class Settings(NamedTuple):
+    """Numbers of a filter; deviations are factors on those in the events."""
 
-    Held is the turn rate of the present odometry message, by its index: value, variance times the message's duration,
-    and the difference from the wheels times the root of that duration, where it is a contradiction; else 0.
+    options: Options
+    """with all ten states; fixes beyond the gate are weighted, too, and the errors of the wheels are never reset"""
+    densities: Densities
+    by_message: bool
+    """use the covariance of odometry messages that have one"""
+    odometry_covariance_scale: float
+    delay: float
+    """[s] dead time of the odometry"""
+    times: Any
+    """(s,) array [s]: how long the errors of each sensor last, see :class:`events.Measurements`; 0: independent"""
+    factors: Any
+    """(s + 1, 2) array of factors on the deviations of positions and ranges, and of angles; the last row, for poses
+    that were set by hand, is 1"""
+    gyro_factor: float
+    """on the deviation of the turn rates"""
+
+
+class Filtered(NamedTuple):
+    """A drive after the filter."""
+
+    result: Array
+    """(k, COLUMNS) figures of each measurement. A reset, or a landmark where the robot stands, has zero numbers."""
+    x: Array
+    """(n,) states at the end"""
+    P: Array
+    """(n, n) their covariance"""
+
+
+class _Progress(NamedTuple):
+    """How far the odometry has moved the filter."""
+
+    now: float
+    """[s]"""
+    message: int
+    """index of the present message"""
+    rated: int
+    """index of the last message whose turn rate has corrected the filter; -1 before the first"""
+    slip: float
+    """[rad/s^0.5] difference of that turn rate from the wheels' times the root of the message's duration; 0: it was
+    inside the gate"""
+    log_likelihood: float
+    """of the turn rates since the measurement before"""
+
+
+def settings_of(config: EkfNodeConfig) -> Settings:
+    """Return the numbers of a configuration."""
+    localization, odometry = config.localization, config.localization.odometry
+    points = tuple(config.landmarks.points().values())
+    options = options_of(localization, config.wheels.wheel_separation, points)
+    return Settings(
+        # Compiled code would depend on the number of times.
+        options._replace(size=STATES, max_radius_error=0.0, max_separation_error=0.0, times=()),
+        densities_of(odometry),
+        odometry.odometry_noise == MESSAGE,
+        odometry.odometry_covariance_scale,
+        odometry.odometry_delay,
+        np.array(options.times),
+        np.ones((len(options.times) + 1, 2)),
+        gyro_factor=1.0,
+    )
+
+
+def run_events(events: Events, settings: Settings) -> Filtered:
+    """Filter a drive; the compiled code releases the interpreter's lock."""
+    n = STATES + events.errors
+    x, P, result = np.zeros(n), np.zeros((n, n)), np.zeros((len(events.measurements.time), COLUMNS))
+    x[WHEELS:STATES] = settings.options.errors
+    P[range(WHEELS, STATES), range(WHEELS, STATES)] = settings.options.variances
+    compiled(_run_filter)(events, _turn_rates(events, settings), x, P, result, settings)
+    return Filtered(result, x, P)
+
+
+def _turn_rates(events: Events, settings: Settings) -> Array:
+    """Return the mean turn rate [rad/s] of the gyro over each odometry message, and its variance times the duration.
+
+    The variance times the duration of the message [rad^2/s] is inf where the turn rate was not measured.
     """
-    held = np.dtype([("index", np.int64), ("value", float), ("variance", float), ("slip", float)])
-    return np.dtype([("belief", belief_type(n)), ("work", work_type(n)), ("held", held)])
+    (start, end, *_), (time, angle, variance) = events.odometry, events.rates
+    found = np.full((len(end), 2), (0.0, math.inf))
+    if len(time) > 0:
+        # The first message acts before its start, too.
+        begin, stop = np.append(0.0, start[1:] + settings.delay), end + settings.delay
+        dt = stop - begin
+        sums = [np.interp(stop, time, one) - np.interp(begin, time, one) for one in (angle, variance)]
+        known = (begin > time[0] - _NANO) & (stop < time[-1] + _NANO) & (sums[1] < UNKNOWN_RATE * dt**2)
+        found[known] = np.column_stack((sums[0] / dt, settings.gyro_factor**2 * sums[1] / dt))[known]
+    return found
 
 
-def run_filter(events: Events, arrays: Any, result: Any, s: Settings) -> None:
-    """Filter a drive.
+def _run_filter(events: Events, rates: Array, x: Array, P: Array, result: Array, s: Settings) -> None:
+    """Filter a drive whose first measurement is a reset.
 
     Args:
-        events: of the drive; the first measurement is a reset.
-        arrays: (1,) :func:`filter_type`; the belief is that before the first reset, and becomes that at the end.
-        result: (k, COLUMNS) becomes the figures of each measurement; a reset, or a landmark where the robot stands, has
-            zero numbers.
-        s: of the filter.
+        events: of the drive.
+        rates: (n, 2) of :func:`_turn_rates`.
+        x: mean (n,) before the first reset, replaced by the mean at the end.
+        P: its covariance (n, n), replaced as well.
+        result: (k, COLUMNS) zeros, filled with the figures of each measurement.
+        s: settings.
     """
-    belief, work, measurements = arrays[0]["belief"], arrays[0]["work"], events.measurements
-    arrays[0]["held"]["index"] = -1
-    now, index = 0.0, 0
-    for k in range(len(measurements.time)):
-        kind, sensor, slot = measurements.kind[k], measurements.sensor[k], measurements.slot[k]
-        values, R, gap = measurements.values[k], measurements.R[k], measurements.gap[k]
-        now, index = advance(arrays[0], events, now, index, measurements.time[k], s, result[k])
-        place = Point(measurements.place[k, 0], measurements.place[k, 1])
-        m = fill(belief, work, kind, values, R, place, s.factors[sensor])
-        if kind == 3:
-            reset_to(belief, Pose(values[0], values[1], values[2]), work["R"])
+    measured, progress = events.measurements, _Progress(0.0, 0, -1, 0.0, 0.0)
+    accepted = np.full(len(measured.time), -math.inf)  # [s] time of the last measurement of each source inside the gate
+    for k in range(len(measured.time)):
+        sensor, slot, source, now = measured.sensor[k], measured.slot[k], measured.source[k], float(measured.time[k])
+        progress = _advance(x, P, events.odometry, rates, progress, now, s)
+        result[k, RATES] = progress.log_likelihood
+        is_reset = measured.kind[k] == RESET
+        kind = POSE_FIX if is_reset else int(measured.kind[k])
+        m = size_of(kind)
+        z, R = measured.values[k, :m].copy(), measured.R[k, :m, :m].copy()
+        for i in range(m):
+            for j in range(m):
+                R[i, j] *= s.factors[sensor, int(is_angle(kind, i))] * s.factors[sensor, int(is_angle(kind, j))]
+        if is_reset:
+            reset_pose(x, P, Pose(z[0], z[1], z[2]), R)
+            accepted[:] = -math.inf
             if slot >= 0:
-                start_errors(belief["P"], work["R"], slot)
-        if kind == 3 or m == 0:
+                _start_errors(P, R, slot)
             continue
-        inflation = 1.0
+        reading = Reading(kind, 0, 0, 0.0, z, R, Point(measured.place[k, 0], measured.place[k, 1]))
+        if not is_defined(reading, x):
+            continue
+        expected, inflation = expect(reading, x, P), 1.0
         if slot >= 0:
-            renew_errors(belief, work, m, slot, math.exp(-max(gap, MIN_DT) / s.times[sensor]))
-        elif s.times[sensor] > 0.0 and gap < math.inf:
-            inflation = inflation_after(gap, s.times[sensor])
-        take(belief, work, m, inflation, s.gates[m - 1], result[k], WHEELS)
+            _renew_errors(x, P, expected, slot, math.exp(-max(float(measured.gap[k]), _MIN_DT) / s.times[sensor]))
+        elif accepted[source] > -math.inf:
+            inflation = inflation_after(now - accepted[source], s.times[sensor])
+        if _take(x, P, expected, inflation, s, result[k]) <= s.options.gates[m - 1]:
+            accepted[source] = now
 
 
-def fill(belief: Any, work: Any, kind: int, values: Any, R: Any, place: Point, factors: Any) -> int:
-    """Fill in a measurement; return its number of numbers, 0 if it is not usable."""
-    if kind == 0:
-        return fill_heading(belief, work, values[0], R[0, 0] * factors[0] ** 2)
-    if kind == 1:
-        variances = R[0, 0] * factors[0] ** 2, R[1, 1] * factors[1] ** 2
-        return fill_landmark(belief, work, values[0], values[1], variances, place)
-    m = fill_fix(belief, work, Pose(values[0], values[1], values[2]))
-    for i in range(POSE):
-        for j in range(POSE):
-            work["R"][i, j] = R[i, j] * factors[i // 2] * factors[j // 2]
-    return m if R[2, 2] < math.inf else 2
+def _take(x: Array, P: Array, expected: Expected, inflation: float, s: Settings, figures: Array) -> float:
+    """Correct with a measurement, write its figures (COLUMNS,) and return its NIS.
 
-
-def take(belief: Any, work: Any, m: int, inflation: float, gate: float, result: Any, first: int) -> None:
-    """Correct with what was filled in, see :func:`normalise`; write the figures to ``result`` (COLUMNS,).
-
-    Beyond the gate the gain is weighed by gate / NIS, and in the likelihood the NIS counts as
-    gate (1 + ln(NIS / gate)), whose derivative is this weight.
+    Beyond the gate the gain is multiplied by gate / NIS, and the NIS in the likelihood is gate (1 + ln(NIS / gate)),
+    whose derivative is this weight.
     """
-    nis, root_det = normalise(belief, work, m, first)
+    m, white, S = len(expected.y), expected.y.copy(), kalman.innovation_covariance(P, expected.H, expected.R)
+    factorise(S, white)
+    gate, log_det, nis = s.options.gates[m - 1], 0.0, 0.0
     for i in range(m):
-        result[WHITE + i], result[INNOVATION + i] = work["w"][i], work["y"][i]
+        figures[WHITE + i] = white[i]
+        log_det += 2.0 * math.log(S[i, i])
+        nis += white[i] * white[i]
     beyond = nis > gate
     counted = gate * (1.0 + math.log(nis / gate)) if beyond else nis
-    result[NIS], result[NUMBERS], result[WEIGHT] = nis, m, gate / nis if beyond else 1.0
-    result[TERM] = -0.5 * (m * LOG_2PI + 2.0 * math.log(root_det) + counted) / inflation
-    correct(belief, work, m, inflation, nis / gate if beyond else 1.0)
+    figures[NUMBERS] = m
+    figures[TERM] = -0.5 * (m * _LOG_2PI + log_det + counted) / inflation
+    correct_state(x, P, s.options, expected, inflation, nis / gate if beyond else 1.0)
+    return nis
 
 
-def take_rate(arrays: Any, motion: Motion, s: Settings, result: Any) -> None:
-    """Correct bias and wheels with the turn rate of a whole odometry message, as the filter does.
-
-    It holds for the parts of the message, see :func:`with_held_rate`. The log likelihood is added to ``result``
-    (COLUMNS,). See :func:`diffbot_sim.compiled.gated_filter.take_rate`.
-    """
-    work, held, figures = arrays["work"], arrays["held"], np.zeros(COLUMNS)
-    held["value"], held["variance"], held["slip"] = motion.rate.value, motion.rate.variance * motion.dt, 0.0
-    if motion.rate.variance == math.inf:
-        return
-    m = fill_rate(arrays["belief"], work, motion, s.separation)
-    take(arrays["belief"], work, m, 1.0, s.gates[0], figures, POSE)
-    result[RATES] += figures[TERM]
-    if figures[NIS] > s.gates[0]:
-        held["slip"] = figures[INNOVATION] * math.sqrt(motion.dt)
-
-
-def with_held_rate(motion: Motion, held: Any, separation: float) -> Motion:
-    """Return a part of a message with the turn rate of the message, and what a contradiction adds to the covariance."""
-    dt = motion.dt
-    slip = slip_covariance(held["slip"] / math.sqrt(dt), separation)
-    rate = TurnRate(held["value"], held["variance"] / dt)
-    return Motion(motion.twist, dt, add_twist_covariance(motion.covariance, slip), rate)
-
-
-def rate_over(rates: Rates, start: float, end: float, factor: float) -> TurnRate:
-    """Return the mean turn rate from ``start`` to ``end`` [s]; ``factor`` is on its deviation."""
-    time, last = rates.time, len(rates.time) - 1
-    if last < 1 or start < time[0] - NANO or end > time[last] + NANO:
-        return NO_RATE
-    angle, variance = 0.0, 0.0
-    for at, sign in ((start, -1.0), (end, 1.0)):
-        after = min(max(int(np.searchsorted(time, at)), 1), last)
-        share = (at - time[after - 1]) / (time[after] - time[after - 1])
-        angle += sign * (rates.angle[after - 1] + share * (rates.angle[after] - rates.angle[after - 1]))
-        variance += sign * (rates.variance[after - 1] + share * (rates.variance[after] - rates.variance[after - 1]))
-    dt = end - start
-    variance /= dt * dt
-    return TurnRate(angle / dt, variance * factor**2) if variance < UNKNOWN_RATE else NO_RATE
-
-
-def start_errors(P: Any, R: Any, slot: int) -> None:
-    """Give the error of the fix that the pose was put at to the states of its source's errors."""
-    for i in range(POSE):
-        for j in range(POSE):
+def _start_errors(P: Array, R: Array, slot: int) -> None:
+    """Set the states from ``slot`` on to the error of the fix that reset the pose, of covariance ``R`` (3, 3)."""
+    for i in range(3):
+        for j in range(3):
             P[slot + i, slot + j] = R[i, j]
             P[i, slot + j] = P[slot + j, i] = -R[i, j]
 
 
-def renew_errors(belief: Any, work: Any, m: int, slot: int, c: float) -> None:
-    """Let the errors of a source decay to ``c`` of themselves; R is their variance, and none is left beside it."""
-    x, P, y, H, R = belief["x"], belief["P"], work["y"], work["H"], work["R"]
+def _renew_errors(x: Array, P: Array, expected: Expected, slot: int, c: float) -> None:
+    """Put the error of a measurement into the states from ``slot`` on, where ``c`` of the last error remains.
+
+    R becomes the variance of these states. The measurement has no further error.
+    """
+    y, H, R = expected
+    m = len(y)
     for i in range(slot, slot + m):
         x[i] *= c
         for j in range(len(x)):
@@ -183,64 +233,49 @@ def renew_errors(belief: Any, work: Any, m: int, slot: int, c: float) -> None:
             P[slot + i, slot + j] += (1.0 - c * c) * R[i, j]
             R[i, j] = 0.0
         H[i, slot + i] = 1.0
-        # The innovation was taken without the error; an angle is not wrapped again, since errors are small.
+        # An angle is not wrapped again, since errors are small.
         y[i] -= x[slot + i]
 
 
-def advance(
-    arrays: Any, events: Events, now: float, index: int, until: float, s: Settings, result: Any
-) -> tuple[float, int]:
-    """Move from ``now`` to ``until`` [s] with the messages from ``index`` on; return both as they are then.
+def _advance(
+    x: Array, P: Array, odometry: Odometry, rates: Array, progress: _Progress, until: float, s: Settings
+) -> _Progress:
+    """Move to ``until`` [s].
 
-    Message k acts from start + delay to end + delay; the first also before, the last also after. To ``result``
-    (COLUMNS,) the log likelihood of the turn rates is added.
+    Message k acts from start + delay to end + delay; the first one also before, the last one also after. The turn rate
+    of a whole message corrects the bias of the gyro and the wheels before the message acts, as :func:`ekf.take_rate`.
     """
-    odometry, last = events.odometry, len(events.odometry.end) - 1
-    while until - now > NANO:
-        while index < last and odometry.end[index] + s.delay <= now + NANO:
-            index += 1
-        whole = odometry.end[index] + s.delay
-        end = until if index == last or whole > until else whole
-        if s.split:
-            end = min(end, next_stamp(odometry, index, now, end))
-        motion, lateral = motion_of(odometry, index, end - now, s)
-        if len(events.rates.time) > 0:
-            if arrays["held"]["index"] != index:
-                arrays["held"]["index"] = index
-                of_message, _ = motion_of(odometry, index, max(whole, end) - now, s)
-                rate = rate_over(events.rates, now, max(whole, end), s.gyro_factor)
-                take_rate(arrays, Motion(of_message.twist, of_message.dt, of_message.covariance, rate), s, result)
-            motion = with_held_rate(motion, arrays["held"], s.separation)
-        predict(arrays["belief"], arrays["work"], motion, lateral, s.separation, s.walk, s.gyro_bias_walk)
+    now, message, rated, slip, _ = progress
+    last, log_likelihood = len(odometry.end) - 1, 0.0
+    while until - now > _NANO:
+        while message < last and odometry.end[message] + s.delay <= now + _NANO:
+            message += 1
+        whole = odometry.end[message] + s.delay
+        end = until if message == last or whole > until else whole
+        rate, variance = rates[message, 0], rates[message, 1]
+        if rated != message and variance < math.inf:
+            duration, figures = whole - now, np.zeros(COLUMNS)
+            motion = _motion_of(odometry, message, duration, TurnRate(rate, variance / duration), 0.0, s)
+            found = rate_expectation(x, motion, s.options.separation)
+            expected = Expected(np.array((found.y,)), found.H, np.array(((found.variance,),)))
+            beyond = _take(x, P, expected, 1.0, s, figures) > s.options.gates[0]
+            rated, slip = message, math.sqrt(duration) * found.y if beyond else 0.0
+            log_likelihood += float(figures[TERM])
+        dt = end - now
+        part = slip / math.sqrt(dt) if rated == message else 0.0
+        move_state(x, P, s.options, _motion_of(odometry, message, dt, TurnRate(rate, variance / dt), part, s))
         now = end
-    return now, index
+    return _Progress(now, message, rated, slip, log_likelihood)
 
 
-def motion_of(odometry: Odometry, index: int, dt: float, s: Settings) -> tuple[Motion, float]:
-    """Return the motion of ``dt`` [s] of an odometry message, and its variance across the robot [m^2]."""
-    twist = Twist(odometry.twist[index, 0], odometry.twist[index, 1])
-    row = odometry.covariance[index]
-    covariance = scale_twist_covariance(TwistCovariance(row[0], row[1], row[2]), s.odometry_covariance_scale)
-    lateral = 0.0
-    known = row[0] != 0.0 or row[1] != 0.0 or row[2] != 0.0
-    if known and s.noise == MESSAGE:
-        covariance = scale_twist_covariance(covariance, (odometry.end[index] - odometry.start[index]) / dt)
-    elif known and s.noise == DENSITY:
-        covariance, lateral = over_time(MotionDensity(covariance, 0.0), twist.v, dt)
+def _motion_of(odometry: Odometry, index: int, dt: float, rate: TurnRate, slip: float, s: Settings) -> Motion:
+    """Return the motion of ``dt`` [s] of an odometry message whose turn rate is contradicted by ``slip`` [rad/s]."""
+    twist, row = Twist(odometry.twist[index, 0], odometry.twist[index, 1]), odometry.covariance[index]
+    if s.by_message and (row[0] != 0.0 or row[1] != 0.0 or row[2] != 0.0):
+        share = (odometry.end[index] - odometry.start[index]) / dt
+        given, lateral = TwistCovariance(row[0], row[1], row[2]), 0.0
+        covariance = scale_twist_covariance(given, share * s.odometry_covariance_scale)
     else:
-        covariance, lateral = over_time(motion_density(twist, s), twist.v, dt)  # type: ignore[arg-type]
-    return Motion(twist, dt, covariance, NO_RATE), lateral
-
-
-def next_stamp(odometry: Any, index: int, now: float, end: float) -> float:
-    """Return the first stamp after ``now`` of the messages from ``index`` on, or ``end`` if there is none before."""
-    for later in range(index, len(odometry.end)):
-        if odometry.end[later] > now + NANO:
-            return min(float(odometry.end[later]), end)
-    return end
-
-
-CALLED = (
-    fill, take, take_rate, with_held_rate, rate_over, advance, motion_of, next_stamp, start_errors, renew_errors,
-)  # fmt: skip
-"""Functions that :func:`run_filter` calls."""
+        covariance, lateral = motion_noise(twist, dt, s.densities)
+    covariance = add_twist_covariance(covariance, slip_covariance(slip, s.options.separation))
+    return Motion(twist, dt, covariance, rate, lateral)

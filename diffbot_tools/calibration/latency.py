@@ -1,33 +1,33 @@
 """Dead time from a velocity command to the motion, by least squares of commanded and measured velocity.
 
-What lies between is tried as the plant of a base has it: a dead time, the base driver's limit of the acceleration, a
-first-order lag. A limit that is left out is taken for dead time: a ramp that lasts a second is late by half of it.
+The model between both is that of the simulated base: a dead time, the base driver's limit of the acceleration, and a
+first-order lag. The limit has to be modelled: a ramp of one second would otherwise add half a second of dead time.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
-from scipy.optimize import minimize
+from scipy.optimize import OptimizeResult, least_squares
 
 from diffbot_tools.calibration.events import Array, Odometry
+from diffbot_tools.calibration.kernel import compiled
 
-_STEP = 0.02
-"""[s] between the dead times tried first"""
-MAX_LATENCY = 1.0
-"""[s]"""
-LAGS = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6)
-"""[s] time constants tried first"""
-LIMITS = (math.inf, *(float(limit) for limit in 0.1 * 1.25 ** np.arange(20)))
-"""[m/s^2], [rad/s^2] limits of acceleration tried first"""
-_STARTS = 3
-"""of the values tried first, the best ones from which the least squares begin"""
+MAX_LATENCY, _MAX_LAG = 1.0, 1.2
+"""[s] largest dead time and time constant"""
+_DEAD_TIMES, _LAG, _LIMITS = (0.05, 0.2, 0.5), 0.1, (0.3, 1.0, 3.0)
+"""[s], [s], [m/s^2] and [rad/s^2] from which the least squares start"""
+_MIN_LIMIT, _MAX_LIMIT = 0.05, 20.0
+"""[m/s^2], [rad/s^2] limits of acceleration that are searched"""
+_STEP, _LOG_STEP = 0.02, 0.05
+"""[s] and in logarithms, for the derivatives"""
+_NO_LAG = 1e-3
+"""[s] time constant that counts as 0"""
 _GAIN, _MIN_GAIN = 0.02, 5e-3
-"""A limit is taken for real if it explains this share of the cost without it, and of the variance of the velocity."""
+"""Share of the cost and of the variance of a velocity that a limit has to explain, to be accepted."""
 _MIN_COMMANDS, _MIN_SECONDS = 20, 5.0
 
 
@@ -37,24 +37,23 @@ class Latency(NamedTuple):
     dead_time: float
     """[s]"""
     sigma: float
-    """[s] its standard deviation, errors of a second taken as one"""
+    """[s] standard deviation of the dead time, with one independent error per second"""
     time_constant: float
     """[s] of the drives"""
     acceleration: float
-    """[m/s^2] the base driver's limit; inf if there is none to see"""
+    """[m/s^2] the base driver's limit; inf if none was found"""
     angular_acceleration: float
     """[rad/s^2] the same of the rotation"""
 
-
-def limits_of(latency: Latency) -> dict[str, float]:
-    """Return the limits of acceleration that were found, by the names of the controller's parameters."""
-    names = ("linear.x.max_acceleration", "angular.z.max_acceleration")
-    limits = (latency.acceleration, latency.angular_acceleration)
-    return {name: limit for name, limit in zip(names, limits, strict=True) if limit < math.inf}
+    def limits(self) -> dict[str, float]:
+        """Return the limits of acceleration that were found, by the names of the controller's parameters."""
+        names = ("linear.x.max_acceleration", "angular.z.max_acceleration")
+        limits = (self.acceleration, self.angular_acceleration)
+        return {name: limit for name, limit in zip(names, limits, strict=True) if limit < math.inf}
 
 
 class _Drive(NamedTuple):
-    """What is compared: the odometry's intervals in which commands were known."""
+    """The intervals of the odometry in which commands were known."""
 
     commands: Array
     start: Array
@@ -71,7 +70,7 @@ def latency_of(commands: Array, odometry: Odometry, odometry_delay: float) -> La
     """Find dead time, time constant and limits of acceleration.
 
     Args:
-        commands: (n, 3) time [s], v [m/s] and omega [rad/s] of each command; held until the next.
+        commands: (n, 3) time [s], v [m/s] and omega [rad/s] of each command, which is held until the next.
         odometry: measured twists.
         odometry_delay: [s] by which the motion follows the odometry's stamps.
 
@@ -90,106 +89,90 @@ def latency_of(commands: Array, odometry: Odometry, odometry_delay: float) -> La
     if not axes:
         return None
     drive = _Drive(commands, start[use], end[use], measured, axes)
-    return min((_refined(drive, *one) for one in _starts(drive)), key=lambda found: found[0])[1]
-
-
-def _starts(drive: _Drive) -> list[tuple[float, float, dict[int, float]]]:
-    """Return dead time, time constant and limits of each axis of the best grid points with different time constants."""
-    shifts = np.arange(0.0, MAX_LATENCY + 0.5 * _STEP, _STEP)
-    commanded = np.stack([_mean_command(drive.commands, drive.start - one, drive.end - one) for one in shifts])
+    every, limited = tuple(axes), list[int]()
+    most = _fit(drive, every)
+    for axis in axes:
+        without = _fit(drive, tuple(one for one in every if one != axis))
+        if without.cost - most.cost > max(_GAIN * without.cost, 0.5 * _MIN_GAIN * len(drive.start)):
+            limited.append(axis)
+    found = most if len(limited) == len(axes) else _fit(drive, tuple(limited))
     period = drive.end - drive.start
-    costs = {
-        axis: _all_costs(
-            commanded[:, :, axis].copy(), drive.measured[:, axis].copy(), period, np.array(LAGS), np.array(LIMITS)
-        )
-        for axis in drive.axes
-    }
-    total = np.sum([one.min(axis=1) for one in costs.values()], axis=0)
-    found = []
-    for lag in np.argsort(total.min(axis=1))[:_STARTS]:
-        at = int(total[lag].argmin())
-        bounds = {axis: _limit(one[lag, :, at]) for axis, one in costs.items()}
-        found.append((float(shifts[at]), LAGS[lag], bounds))
-    return found
+    # A lag at its bound of 0 is known: it cannot be exchanged for dead time.
+    jacobian = found.jac if found.x[1] > _NO_LAG else np.delete(found.jac, 1, axis=1)
+    independent = float(period.sum()) * len(axes)  # one error per second
+    variance = np.linalg.pinv(jacobian.T @ jacobian)[0, 0] * 2.0 * found.cost / independent
+    # A base acts once per period, so the dead time hardly shows within it.
+    sigma = math.hypot(math.sqrt(variance), float(period.mean()) / math.sqrt(12.0))
+    return Latency(float(found.x[0]), sigma, float(found.x[1]), *_limits_of(limited, found.x))
 
 
-def _limit(costs: Array) -> float:
-    """Return the best of LIMITS, inf if it explains hardly more than none does."""
-    best = int(costs.argmin())
-    return LIMITS[best] if costs[0] - costs[best] > max(_GAIN * costs[0], _MIN_GAIN) else math.inf
+def _fit(drive: _Drive, limited: tuple[int, ...]) -> OptimizeResult:
+    """Return the best of the minima that least squares find from several starts.
 
-
-def _refined(drive: _Drive, dead_time: float, lag: float, limits: dict[int, float]) -> tuple[float, Latency]:
-    """Return the cost and the result of least squares that begin there."""
-    limited = [axis for axis in drive.axes if limits[axis] < math.inf]
-    period = drive.end - drive.start
-
-    def values_of(x: Array) -> tuple[float, float, dict[int, float]]:
-        found = {axis: math.exp(value) for axis, value in zip(limited, x[2:], strict=False)}
-        return float(x[0]), float(x[1]), {axis: found.get(axis, math.inf) for axis in drive.axes}
-
-    def residuals(x: Array) -> Array:
-        dead, tau, bounds = values_of(x)
-        tau = max(tau, 0.0)
-        mean = _mean_command(drive.commands, drive.start - dead, drive.end - dead)
-        parts = []
-        for axis in drive.axes:
-            answer = _answer(mean[:, axis].copy(), period, tau, bounds[axis])
-            gain = float(answer @ drive.measured[:, axis]) / max(float(answer @ answer), 1e-12)
-            parts.append(drive.measured[:, axis] - gain * answer)
-        return np.concatenate(parts)
-
-    def cost(x: Array) -> float:
-        return float(np.sum(residuals(x) ** 2))
-
-    # Without derivatives: held commands make the residuals jump.
-    steps = np.array([_STEP, _STEP, *(0.05 for _ in limited)])
-    first = np.array([dead_time, lag, *(math.log(limits[axis]) for axis in limited)])
-    bounds = [(0.0, MAX_LATENCY), (0.0, 2.0 * LAGS[-1]), *((None, None) for _ in limited)]
-    simplex = np.vstack([first, first + np.diag(steps)])
-    options = {"initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-9 * cost(first)}
-    x = minimize(cost, first, method="Nelder-Mead", bounds=bounds, options=options).x
-    dead, tau, accelerations = values_of(x)
-    sigma = math.hypot(
-        _sigma(residuals, x, steps, float(period.sum()) * len(drive.axes)),
-        # A base acts once a period: within it the dead time hardly shows.
-        float(period.mean()) / math.sqrt(12.0),
+    The result's ``x`` is dead time [s], time constant [s] and the logarithm of the limit of each axis in ``limited``.
+    """
+    low = [0.0, 0.0, *(math.log(_MIN_LIMIT) for _ in limited)]
+    high = [MAX_LATENCY, _MAX_LAG, *(math.log(_MAX_LIMIT) for _ in limited)]
+    return min(
+        (
+            least_squares(
+                lambda x: _residuals(drive, limited, x),
+                [dead, _LAG, *(math.log(limit) for _ in limited)],
+                jac=lambda x: _derivatives(drive, limited, x),
+                bounds=(low, high),
+                xtol=1e-4,
+            )
+            for dead in _DEAD_TIMES
+            for limit in (_LIMITS if limited else (math.inf,))
+        ),
+        key=lambda found: found.cost,
     )
-    return cost(x), Latency(dead, sigma, tau, accelerations.get(0, math.inf), accelerations.get(1, math.inf))
 
 
-def _sigma(residuals: Callable[[Array], Array], x: Array, steps: Array, seconds: float) -> float:
-    """Return the deviation [s] of the dead time, with as many independent errors as seconds."""
-    errors = residuals(x)
-    columns = []
-    for row in np.diag(steps):
-        # The flatter side: behind a limiter a dead time shows only where it changes the driver's period.
-        sides = [(residuals(one) - errors) / row.sum() for one in (x + row, x - row)]
-        columns.append(min(sides, key=np.linalg.norm))
-    jacobian = np.column_stack(columns)
-    variance = np.linalg.pinv(jacobian.T @ jacobian)[0, 0] * float(errors @ errors) / seconds
-    return math.sqrt(variance)
+def _derivatives(drive: _Drive, limited: tuple[int, ...], x: Array) -> Array:
+    """Return the derivatives (residuals, len(x)) by central differences: between held commands there are kinks."""
+    steps = np.diag([_STEP, _STEP, *(_LOG_STEP for _ in limited)])
+    ends = [(_residuals(drive, limited, x + one), _residuals(drive, limited, x - one)) for one in steps]
+    derivatives: Array = np.column_stack([ahead - behind for ahead, behind in ends]) / (2.0 * steps.sum(axis=0))
+    return derivatives
+
+
+def _limits_of(limited: Sequence[int], x: Array) -> tuple[float, float]:
+    """Return the limit of each axis, inf for none."""
+    found = dict(zip(limited, np.exp(x[2:]).tolist(), strict=True))
+    return found.get(0, math.inf), found.get(1, math.inf)
+
+
+def _residuals(drive: _Drive, limited: tuple[int, ...], x: Array) -> Array:
+    """Return measured minus modelled velocities, after the best gain: an error of the wheels is not a dead time."""
+    dead, lag, limits = float(x[0]), max(float(x[1]), 0.0), _limits_of(limited, x)
+    mean = _mean_command(drive.commands, drive.start - dead, drive.end - dead)
+    parts = []
+    for axis in drive.axes:
+        answer = compiled(_answer)(mean[:, axis].copy(), drive.end - drive.start, lag, limits[axis])
+        gain = float(answer @ drive.measured[:, axis]) / max(float(answer @ answer), 1e-12)
+        parts.append(drive.measured[:, axis] - gain * answer)
+    return np.concatenate(parts)
 
 
 def _mean_command(commands: Array, start: Array, end: Array) -> Array:
     """Return the mean (n, 2) of the held commands over each interval [s]; zero before the first."""
     times = commands[:, 0]
-    way = np.zeros((len(commands), 2))
-    way[1:] = np.cumsum(commands[:-1, 1:] * np.diff(times)[:, np.newaxis], axis=0)
+    distance = np.zeros((len(commands), 2))
+    distance[1:] = np.cumsum(commands[:-1, 1:] * np.diff(times)[:, np.newaxis], axis=0)
 
-    def way_at(moment: Array) -> Array:
+    def distance_at(moment: Array) -> Array:
         index = np.searchsorted(times, moment, side="right") - 1
         known = np.clip(index, 0, None)
-        ways: Array = way[known] + commands[known, 1:] * (moment - times[known])[:, np.newaxis]
-        return np.where(index[:, np.newaxis] < 0, 0.0, ways)
+        reached: Array = distance[known] + commands[known, 1:] * (moment - times[known])[:, np.newaxis]
+        return np.where(index[:, np.newaxis] < 0, 0.0, reached)
 
-    mean: Array = (way_at(end) - way_at(start)) / (end - start)[:, np.newaxis]
+    mean: Array = (distance_at(end) - distance_at(start)) / (end - start)[:, np.newaxis]
     return mean
 
 
-@numba.njit(cache=True)
 def _answer(commanded: Any, period: Any, lag: Any, limit: Any) -> Any:
-    """Return the mean speeds of an axis behind a limit of acceleration and a lag, in the plant's order."""
+    """Return the mean speeds of an axis behind a limit of acceleration and a lag, in the order of the plant."""
     answers = np.empty(len(commanded))
     speed = reached = commanded[0]
     for k in range(len(commanded)):
@@ -202,18 +185,3 @@ def _answer(commanded: Any, period: Any, lag: Any, limit: Any) -> Any:
             answers[k] = speed + (reached - speed) * (1.0 - left) * lag / period[k]
             reached = speed + (reached - speed) * left
     return answers
-
-
-@numba.njit(cache=True)
-def _all_costs(commanded: Any, measured: Any, period: Any, lags: Any, limits: Any) -> Any:
-    """Return the mean squared differences (lags, limits, shifts) after the best gain: a wheel error is no dead time."""
-    shifts, n = commanded.shape
-    costs = np.empty((len(lags), len(limits), shifts))
-    square = np.dot(measured, measured)
-    for i in range(len(lags)):
-        for j in range(len(limits)):
-            for shift in range(shifts):
-                answer = _answer(commanded[shift], period, lags[i], limits[j])
-                both = np.dot(answer, measured)
-                costs[i, j, shift] = (square - both * both / max(np.dot(answer, answer), 1e-12)) / n
-    return costs

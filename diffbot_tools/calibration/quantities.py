@@ -1,4 +1,4 @@
-"""The numbers that a calibration estimates, and their way into the settings of a filter and into its parameters."""
+"""The numbers that a calibration estimates, and the settings of a filter with their values."""
 
 from __future__ import annotations
 
@@ -7,25 +7,37 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from diffbot_control.filter.options import options_of
+from diffbot_control.filter.models import LANDMARK, SENSOR, WHEELS, is_angle, is_fix, size_of
+from diffbot_control.filter.odometry import MOTION, Densities
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
-from diffbot_tools.calibration.events import FIX, HEADING, LANDMARK, RESET, Array, Events
-from diffbot_tools.calibration.likelihood import Prior
-from diffbot_tools.calibration.settings import MESSAGE, MOTION, Settings
+from diffbot_tools.calibration.events import (
+    FIX_SENSOR,
+    FURTHER_SENSORS,
+    HEADING_SENSOR,
+    LANDMARK_SENSOR,
+    RESET,
+    Array,
+    Events,
+)
+from diffbot_tools.calibration.kernel import Settings
 
 _DOWN, _SPREAD = 0.2, 3.0
-"""Prior deviations of the logarithm of a noise, or of a time. The first is for noise of the motion below the given one,
-where landmarks are the only measurements: a drive shows what repeats, not what is right."""
+"""Prior deviations of the logarithm of a noise or a time. The first one holds for noise of the motion below the given
+one if landmarks are the only measurements: errors of the map repeat, which looks like good odometry."""
 MAX_DELAY = 0.6
 """[s]"""
 _MAX_LOG, _MAX_FACTOR_LOG = math.log(1e5), math.log(30.0)
-WHEEL_SIGMA, RANGE_OFFSET_SIGMA, RANGE_SCALE_SIGMA, BEARING_OFFSET_SIGMA = 0.1, 0.2, 0.03, 0.05
-"""Prior deviations of the constant states: [-], [m], [-], [rad]."""
-CONSTANTS = (
-    "left_radius_error", "right_radius_error", "wheel_separation_error",
-    "landmark_range_offset", "landmark_range_scale", "landmark_bearing_offset",
-)  # fmt: skip
-"""Constant states of the filter, in the order of :class:`likelihood.Prior`; names of parameters."""
+CONSTANTS = {
+    "left_radius_error": WHEELS,
+    "right_radius_error": WHEELS + 1,
+    "wheel_separation_error": WHEELS + 2,
+    "landmark_range_offset": SENSOR,
+    "landmark_range_scale": SENSOR + 1,
+    "landmark_bearing_offset": SENSOR + 2,
+}
+"""Constant states of the filter by the names of their parameters, and their places in the state."""
+_WHEEL_SIGMA = 0.1
+"""Prior deviation of the errors of the wheels in the search."""
 
 
 class Quantity(NamedTuple):
@@ -34,7 +46,7 @@ class Quantity(NamedTuple):
     name: str
     """of a parameter, or of a factor"""
     field: str
-    """of :class:`settings.Settings`"""
+    """of :class:`kernel.Settings`, or of its densities"""
     place: tuple[int, ...]
     """in that field, if it is an array"""
     logarithmic: bool
@@ -47,7 +59,7 @@ class Quantity(NamedTuple):
 
     @property
     def spread(self) -> float:
-        """Deviation of what is thought possible before the drive."""
+        """Return the deviation of the prior."""
         return _SPREAD if self.logarithmic else MAX_DELAY / math.sqrt(12.0)
 
     def penalty(self, value: float) -> float:
@@ -57,101 +69,86 @@ class Quantity(NamedTuple):
 
 
 def quantities_of(drives: list[Events], config: EkfNodeConfig) -> list[Quantity]:
-    """Return what can be estimated from drives with these measurements: delay, noise of motion, and of each source."""
+    """Return the numbers that these drives can determine: dead time, noise of the motion, noise of each sensor."""
     kinds = {int(kind) for one in drives for kind in np.unique(one.measurements.kind)}
-    down = _DOWN if LANDMARK in kinds and FIX not in kinds else _SPREAD
+    down = _DOWN if max(kinds) >= LANDMARK and not any(map(is_fix, kinds)) else _SPREAD
     delay = min(config.localization.odometry.odometry_delay, MAX_DELAY)
     found = [Quantity("odometry_delay", "delay", (), False, delay, 0.0, MAX_DELAY)]
     for name in _motion_names(drives, config):
         found.append(Quantity(name, name, (), True, 0.0, -_MAX_LOG, _MAX_LOG, down))
-    for name, index, row in factors_of(config):
-        if measures(drives, index[0], row):
-            found.append(Quantity(name, "factors", index, True, 0.0, -_MAX_FACTOR_LOG, _MAX_FACTOR_LOG))
+    factors = [(name, "factors", index) for name, index in factors_of(config).items() if measures(drives, *index)]
     if any(len(one.rates.time) > 1 for one in drives):
-        found.append(Quantity("gyro_factor", "gyro_factor", (), True, 0.0, -_MAX_FACTOR_LOG, _MAX_FACTOR_LOG))
-    return found
+        factors.append(("gyro_factor", "gyro_factor", ()))
+    return found + [Quantity(*one, True, 0.0, -_MAX_FACTOR_LOG, _MAX_FACTOR_LOG) for one in factors]
 
 
-def factors_of(config: EkfNodeConfig) -> list[tuple[str, tuple[int, int], int]]:
-    """Return name and index of each factor on a deviation of measurements, and a row of R that it is for."""
-    found = [
-        ("heading_factor", (HEADING, 0), 0),
-        ("range_factor", (LANDMARK, 0), 0),
-        ("bearing_factor", (LANDMARK, 1), 1),
-    ]
-    for sensor, prefix in enumerate(("", *(f"{one} " for one in config.localization.sources.pose_sources)), FIX):
-        found += [(f"{prefix}xy_factor", (sensor, 0), 0), (f"{prefix}yaw_factor", (sensor, 1), 2)]
+def factors_of(config: EkfNodeConfig) -> dict[str, tuple[int, ...]]:
+    """Return the index of each factor on a deviation: sensor, and 0 for positions and ranges or 1 for angles."""
+    found: dict[str, tuple[int, ...]] = {
+        "heading_factor": (HEADING_SENSOR, 1),
+        "range_factor": (LANDMARK_SENSOR, 0),
+        "bearing_factor": (LANDMARK_SENSOR, 1),
+        "xy_factor": (FIX_SENSOR, 0),
+        "yaw_factor": (FIX_SENSOR, 1),
+    }
+    for sensor, name in enumerate(config.localization.sources.pose_sources, FURTHER_SENSORS):
+        found |= {f"{name} xy_factor": (sensor, 0), f"{name} yaw_factor": (sensor, 1)}
     return found
 
 
 def times_of(config: EkfNodeConfig) -> list[str]:
-    """Return the names of the correlation times of all sensors."""
-    further = (f"{one} correlation_time" for one in config.localization.sources.pose_sources)
-    return ["heading_correlation_time", "landmark_correlation_time", "fix_correlation_time", *further]
+    """Return names for the correlation times of all sensors, in the order of the parameter ``correlation_times``."""
+    names = ("fix", "heading", "landmark", *config.localization.sources.pose_sources)
+    return [f"{name}{'_' if sensor < FURTHER_SENSORS else ' '}correlation_time" for sensor, name in enumerate(names)]
 
 
-def measures(drives: list[Events], sensor: int, row: int) -> bool:
-    """Return whether a sensor measured its number in a row of R: of landmarks 0 is the range, 1 the bearing."""
-    for _, kind, of, _, _, R, *_ in (one.measurements for one in drives):
-        if np.isfinite(R[(of == sensor) & (kind != RESET), row, row]).any():
-            return True
-    return False
+def measures(drives: list[Events], sensor: int, angle: int) -> bool:
+    """True if a sensor measured positions or ranges (``angle`` 0), or angles (1)."""
+    measured = [one.measurements for one in drives]
+    kinds = {int(kind) for one in measured for kind in np.unique(one.kind[one.sensor == sensor])} - {RESET}
+    return any(is_angle(kind, i) == angle for kind in kinds for i in range(size_of(kind)))
 
 
 def _motion_names(drives: list[Events], config: EkfNodeConfig) -> tuple[str, ...]:
-    if has_covariances(drives) and config.localization.odometry.odometry_noise != "motion":
+    """Return the names of the numbers of the noise of the motion: a scale if all messages have a covariance."""
+    known = all(bool(one.odometry.covariance.any(axis=1).all()) for one in drives)
+    if known and config.localization.odometry.odometry_noise != MOTION:
         return ("odometry_covariance_scale",)
-    return "alpha1", "alpha2", "alpha3", "density_xy", "density_theta"
-
-
-def has_covariances(drives: list[Events]) -> bool:
-    """Return whether every odometry message has a covariance."""
-    return all(bool(one.odometry.covariance.any(axis=1).all()) for one in drives)
+    return Densities._fields
 
 
 def with_values(settings: Settings, quantities: list[Quantity], values: Array) -> Settings:
     """Return settings with the values of an optimisation; ``settings`` has the given ones."""
     changes: dict[str, Any] = {"times": settings.times.copy(), "factors": settings.factors.copy()}
+    densities = settings.densities._asdict()
     for one, value in zip(quantities, values.tolist(), strict=True):
         if one.place:
             changes[one.field][one.place] = math.exp(value)
+        elif one.field in densities:
+            densities[one.field] *= math.exp(value)
         else:
             changes[one.field] = getattr(settings, one.field) * math.exp(value) if one.logarithmic else value
-    return settings._replace(**changes)
-
-
-def search_prior(drives: list[Events], config: EkfNodeConfig) -> Prior:
-    """Return wide priors of the constant states, around the given values."""
-    given = given_prior(config)
-    ranges, bearings = measures(drives, LANDMARK, 0), measures(drives, LANDMARK, 1)
-    wide = (
-        *[WHEEL_SIGMA] * 3,
-        RANGE_OFFSET_SIGMA if ranges else 0.0,
-        RANGE_SCALE_SIGMA if ranges else 0.0,
-        BEARING_OFFSET_SIGMA if bearings else 0.0,
-    )
-    sigma = np.array(wide)
-    # The priors of the landmarks' sensor are those of the filter; where it has none, the search is wide.
-    sigma[3:] = np.where((given.sigma[3:] > 0.0) & (sigma[3:] > 0.0), given.sigma[3:], sigma[3:])
-    return Prior(given.mean, sigma)
-
-
-def given_prior(config: EkfNodeConfig) -> Prior:
-    """Return the constant states' prior of a configuration."""
-    options = config.localization.filter
-    calibrating = "calibrating" in options.filter
-    radius = options.wheel_radius_sigma if calibrating else 0.0
-    separation = options.wheel_separation_sigma if calibrating else 0.0
-    mean = [float(getattr(options, name, 0.0)) for name in CONSTANTS]
-    landmarks = options_of(options, landmarks=bool(config.landmarks.landmark_ids)).landmark_sigmas
-    return Prior(np.array(mean), np.array([radius, radius, separation, *landmarks]))
+    return settings._replace(densities=Densities(**densities), **changes)
 
 
 def search_settings(settings: Settings, drives: list[Events], config: EkfNodeConfig) -> Settings:
-    """Return the settings of the search: constant wheel errors, and the noise model whose numbers are estimated.
+    """Return the settings of the search.
 
-    All errors are independent at first.
+    The constant states start at the given values and do not change. The wheels have wide priors, the landmark sensor
+    those of the filter. The noise model is the one whose numbers are estimated. All errors are independent at first.
     """
-    message = _motion_names(drives, config) == ("odometry_covariance_scale",)
-    noise = (settings.noise if settings.noise != MOTION else MESSAGE) if message else MOTION
-    return settings._replace(walk=0.0, noise=noise, times=np.zeros_like(settings.times))
+    options = settings.options
+    errors, sigmas = list(options.errors), np.sqrt(options.variances)
+    for name, state in CONSTANTS.items():
+        at, angle = state - WHEELS, int(name == "landmark_bearing_offset")
+        errors[at] = float(getattr(config.localization.filter, name))
+        if state < SENSOR:
+            sigmas[at] = _WHEEL_SIGMA
+        elif not measures(drives, LANDMARK_SENSOR, angle):
+            sigmas[at] = 0.0
+    variances = tuple(np.square(sigmas).tolist())
+    return settings._replace(
+        options=options._replace(errors=tuple(errors), variances=variances, wheel_walk=0.0),  # type: ignore[arg-type]
+        by_message=_motion_names(drives, config) == ("odometry_covariance_scale",),
+        times=np.zeros_like(settings.times),
+    )

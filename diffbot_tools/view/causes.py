@@ -1,4 +1,4 @@
-"""Why a goal was missed, as far as the curves tell: what did not come, a wheel that stood or slipped, wrong fixes."""
+"""Finds in the curves why a goal was missed: a silent topic, a wheel that stood or slipped, wrong fixes."""
 
 from __future__ import annotations
 
@@ -7,28 +7,28 @@ from math import degrees, hypot, nan
 
 import numpy as np
 
-from diffbot_control.law.configuration import ControllerConfig
+from diffbot_control.law.configuration import SwitchingConfig
 from diffbot_core.kinematics import WheelGeometry
-from diffbot_tools.view.clock import Array, Columns
-from diffbot_tools.view.events import ERROR, WARNING
+from diffbot_tools.view.columns import Array, Columns
+from diffbot_tools.view.texts import ERROR, WARNING
 
 _NEEDED = {"odometry": "odometry", "fixes": "fix", "estimate": "pose from the filter", "command": "command"}
-"""what a robot with a goal gets all the time, in words"""
+"""Curves that a robot with a goal gets all the time, and their names in words."""
 _SILENCE, _SILENT_PERIODS = 2.0, 10.0
-"""[s] and usual periods without it that are worth a line"""
+"""Smallest silence that is reported: [s], and periods of the curve."""
 _LAST, _STANDING = 5.0, 0.1
-"""[s] before the end of a goal, and the share of the commanded speed below which a wheel counts as standing"""
+"""Time before the end of a goal [s], and share of the commanded speed below which a wheel counts as standing in it."""
 _SLIP, _GRIP, _TURNING = 1.0, 0.7, 0.2
-"""[s] of slip worth a line; the share of its speed with which a wheel that does not slip moves the robot; the share of
-its largest speed at which it counts as turning"""
+"""Shortest slip that is reported [s]. A wheel slips if the true speed of its rim is below the share _GRIP of the
+measured speed, while the measured speed is above the share _TURNING of its maximum."""
 _MIN_FIXES, _CHANCE = 10, 4.0
-"""from which on their mean error is one; its standard deviations that are no chance"""
+"""Smallest number of fixes for a mean error; standard deviations of the mean that chance does not explain."""
 
 
 def causes(
-    curves: Mapping[str, Columns], begin: float, end: float, config: ControllerConfig, wheels: WheelGeometry | None
+    curves: Mapping[str, Columns], begin: float, end: float, config: SwitchingConfig, wheels: WheelGeometry | None
 ) -> list[tuple[int, str]]:
-    """Return level and text of each cause found between two times [s]; wheels only if their geometry is known."""
+    """Return level and text of each cause found between two times [s]; without ``wheels``, wheels are not examined."""
     part = {
         role: {name: values[(columns["t"] >= begin) & (columns["t"] <= end)] for name, values in columns.items()}
         for role, columns in curves.items()
@@ -48,7 +48,7 @@ def causes(
 
 
 def _wheel(part: Mapping[str, Columns], side: str, track: float, late: float) -> list[tuple[int, str]]:
-    """Return a line if the wheel at ``track`` [m] stood from ``late`` [s] on, against its commands, or slipped."""
+    """Return lines if the wheel at ``track`` [m] slipped, or did not turn as commanded after ``late`` [s]."""
     rims = {
         role: (columns["t"], np.abs(columns["v"] + track * columns["omega"]))
         for role in ("command", "odometry", "truth")
@@ -73,8 +73,8 @@ def _mean(values: Array) -> float:
     return float(values.mean()) if len(values) else nan
 
 
-def _fixes(part: Mapping[str, Columns], config: ControllerConfig) -> list[tuple[int, str]]:
-    """Return a line if the fixes were off the truth by more than the tolerances, and not by chance."""
+def _fixes(part: Mapping[str, Columns], config: SwitchingConfig) -> list[tuple[int, str]]:
+    """Return a line if the mean error of the fixes is above the tolerances and not explained by chance."""
     fixes, truth = part.get("fixes"), part.get("truth")
     if fixes is None or truth is None or len(fixes["t"]) < _MIN_FIXES or len(truth["t"]) < 2:
         return []

@@ -1,4 +1,4 @@
-"""Tolerances and limits that the page draws."""
+"""Tolerances, limits and the size of a robot, as the page draws them."""
 
 from __future__ import annotations
 
@@ -6,15 +6,19 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from diffbot_bag.mcap.attachments import Parameters
-from diffbot_control.law.configuration import ControllerConfig
-from diffbot_control.law.presets import PRESETS, TUNED
+from scipy.special import chdtri
+
+from diffbot_bag.bag import Parameters
+from diffbot_control.law.configuration import SwitchingConfig
 from diffbot_core.kinematics import WheelGeometry
 from diffbot_core.schema import build, parameters_of
 
+NEES_BOUNDS = tuple(float(chdtri(3, tail)) for tail in (0.975, 0.025))
+"""Bounds of the NEES of a consistent estimate of three numbers, in which it is for 95 % of the time."""
 
-def constants_of(config: ControllerConfig, wheels: WheelGeometry | None = None) -> dict[str, Any]:
-    """Return tolerances, limits and the size of the robot for the page; None for no limit and for an unknown size."""
+
+def constants_of(config: SwitchingConfig, wheels: WheelGeometry | None = None) -> dict[str, Any]:
+    """Return tolerances, limits and the size of the robot for the page; None: no limit, or an unknown size."""
     sheet, tolerance = config.data_sheet, config.tolerance
     limits = {"v": sheet.v_max, "omega": sheet.omega_max}
     if wheels is not None:
@@ -24,23 +28,24 @@ def constants_of(config: ControllerConfig, wheels: WheelGeometry | None = None) 
         "yaw_tolerance": tolerance.yaw_goal_tolerance,
         "limits": {name: value if math.isfinite(value) else None for name, value in limits.items()},
         "wheels": None if wheels is None else list(wheels),
+        "nees": NEES_BOUNDS,
     }
 
 
-def recorded_config(parameters: Mapping[str, Any]) -> ControllerConfig:
-    """Return the configuration of a controller by the parameters in a bag; what they lack is that of ``tuned``.
+def recorded_config(parameters: Mapping[str, Any]) -> SwitchingConfig:
+    """Return the configuration of a controller from its recorded parameters; missing ones are those of ``tuned``.
 
     Raises:
-        InvalidValueError: if one is out of its bounds.
+        InvalidValueError: if a parameter is out of its bounds.
     """
-    own = {one.name: parameters[one.name] for one in parameters_of(ControllerConfig) if one.name in parameters}
-    # JSON has no infinity: the recorder writes it as a text.
+    own = {one.name: parameters[one.name] for one in parameters_of(SwitchingConfig) if one.name in parameters}
+    # The recorder writes infinity as a text, since JSON has no infinity.
     own = {name: math.inf if value == "inf" else value for name, value in own.items()}
-    return build(ControllerConfig, own, PRESETS[TUNED])
+    return build(SwitchingConfig, own)
 
 
 def recorded_wheels(parameters: Parameters, namespace: str) -> WheelGeometry | None:
-    """Return the wheels that a bag's parameters name for a robot, of whichever node; None without any.
+    """Return the wheels from the recorded parameters of any node of a robot; None if no node has them.
 
     Raises:
         InvalidValueError: if a size is out of its bounds.

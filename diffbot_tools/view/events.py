@@ -1,39 +1,25 @@
-"""What happened during a run, as a list: goals and their ends, states, switches of the region, rejections, faults."""
+"""The list of events: goals and their ends, states, switches of the region, rejected measurements, faults."""
 
 from __future__ import annotations
 
-import math
-from collections import Counter
-from collections.abc import Callable, Mapping
 from math import degrees
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import numpy as np
-
-from diffbot_control.goals.states import AT_GOAL
 from diffbot_control.law.regions import REGION_NAMES
-from diffbot_core.geometry import Pose
-from diffbot_core.units import S_PER_NS
-from diffbot_tools.view.bag_tables import RobotTables, Timed
-from diffbot_tools.view.bounded_table import BoundedTable
-from diffbot_tools.view.clock import Clock, Columns
-from diffbot_tools.view.goals import GoalSent, goal_id_in
-from diffbot_tools.view.texts import LogLine, Status, number
+from diffbot_tools.view.goal_list import Goal
+from diffbot_tools.view.texts import ERROR, OK, WARNING, BoundedTable, Status, cut
 
-OK, WARNING, ERROR = 0, 1, 2
-MAX_EVENTS = 10_000
-"""of a kind that are kept of a robot; later ones are left out"""
 MAX_NAMES = 1000
-"""of nodes, goals and counters whose last message is remembered"""
-_LEAP = 1.0
-"""[s]; less may be a delay"""
+"""Nodes and counters whose last value is kept."""
 _LEVEL_OF_END = {"reached": OK, "cancelled": OK, "replaced": OK}
 _WARNING_LINE, _ERROR_LINE = 30, 40
-_REJECTED, _RELOCATED = " rejected", "relocations by "
+"""Levels of a rcl_interfaces/Log."""
+_LEAP, _CONFIRMED = 1.0, 5
+"""Smallest jump of stamps [s]; messages in a row that confirm it, since a single message may only be late."""
 
 
 class Event(NamedTuple):
-    """One line of the list."""
+    """One line of the list; the page receives its fields in this order."""
 
     time: float
     """[s]"""
@@ -41,100 +27,65 @@ class Event(NamedTuple):
     """goal, end, state, switch, rejection, relocation, fault"""
     level: int
     text: str
-    goal: str = ""
-    """of kind ``end``: id of the goal that has ended"""
-    elapsed: float = math.nan
-    """[s] of kind ``end``: time that the controller needed; nan: unknown"""
 
-    @property
-    def row(self) -> tuple[float, str, int, str]:
-        """The event as the page takes it."""
-        return self[:4]
+
+def goal_event(goal: Goal, count: int) -> Event:
+    """Return the event of a new goal, which is number ``count`` of its robot."""
+    x, y, theta = goal.pose
+    return Event(goal.time, "goal", OK, f"goal {count}: x {x:.2f} m, y {y:.2f} m, {degrees(theta):.0f} deg")
+
+
+def end_event(time: float, end: str, reason: str, source: str) -> Event:
+    """Return the event of an answer to a goal."""
+    words = f"goal {end}" + (f": {reason}" if reason else "") + (f" [{source}]" if source else "")
+    return Event(time, "end", _LEVEL_OF_END.get(end, ERROR), words)
 
 
 class EventMaker:
-    """Turns the messages of one robot, in the order of time, into events: for a bag as for a live robot."""
+    """Compares each message with the previous one and returns the events between them."""
 
-    def __init__(self, namespace: str = "", *, names_goals: bool = False) -> None:
-        """Start without events.
+    def __init__(self, namespace: str = "") -> None:
+        """Start without messages.
 
         Args:
-            namespace: such as ``/robot1``; messages of other nodes in /diagnostics and /rosout are ignored.
-            names_goals: the controller's status names the id of its goal. Found out from the first status otherwise.
+            namespace: such as ``/robot1``; nodes of other namespaces in /diagnostics and /rosout are ignored.
         """
         self._namespace = namespace
-        self._names_goals: bool | None = names_goals or None
-        self._goals: BoundedTable[str, None] = BoundedTable(MAX_NAMES)
-        """ids of the goals that the status has named"""
-        self._has_results = False
         self._states: dict[str, str] = {}
         self._counts: BoundedTable[str, int] = BoundedTable(MAX_NAMES)
-        self._ends: BoundedTable[str, None] = BoundedTable(MAX_NAMES)
         self._faults: BoundedTable[str, str] = BoundedTable(MAX_NAMES)
         self._region: float | None = None
+        self._ahead: dict[str, tuple[float, int]] = {}
 
-    def of_goal(self, time: float, count: int, pose: Pose) -> Event:
-        """Return the event of a new goal, the ``count``-th one."""
-        text = f"goal {count}: x {pose.x:.2f} m, y {pose.y:.2f} m, {degrees(pose.theta):.0f} deg"
-        return Event(time, "goal", OK, text)
-
-    def of_status(self, time: float, who: str, status: Status) -> list[Event]:
-        """Return the events of a ~/status: a new state, and counters of the filter that have grown."""
+    def of_status(self, time: float, status: Status) -> list[Event]:
+        """Return the events of a ~/status: a new state, and counters of the filter that have increased."""
         found = []
-        if who == "controller":
-            self._note_goal(status)
-        if status.message != self._states.get(who, ""):
+        if status.message != self._states.get(status.name, ""):
             reason = status.values.get("reason", "")
             text = f"{_short(status.name)}: {status.message}" + (f" ({reason})" if reason else "")
             found.append(Event(time, "state", min(status.level, ERROR), text))
-        self._states[who] = status.message
+        self._states[status.name] = status.message
         for key, value in status.values.items():
-            is_relocation = key.startswith(_RELOCATED)
-            if not (is_relocation or key.endswith(_REJECTED)) or not value.isdigit():
+            is_relocation = key.startswith("relocations by ")
+            if not (is_relocation or key.endswith(" rejected")) or not value.isdigit():
                 continue
-            count = int(value[:15])
-            if (more := count - self._counts.get(key, 0)) > 0:
+            count, name = int(value[:15]), f"{status.name} {key}"
+            if (more := count - self._counts.get(name, 0)) > 0:
                 kind = "relocation" if is_relocation else "rejection"
                 words = key.replace("relocations", "filter relocated") if is_relocation else f"{key}: {more} more"
                 found.append(Event(time, kind, WARNING, f"{words}, {count} in all"))
-            self._counts[key] = count
-        return found
-
-    def _note_goal(self, status: Status) -> None:
-        goal_id, is_named = goal_id_in(status.values), "goal" in status.values
-        # A goal that is held in the first status was reached before it.
-        if goal_id and (self._goals or status.message != AT_GOAL):
-            self._goals[goal_id] = None
-        if self._names_goals is None or is_named:
-            self._names_goals = bool(goal_id) or not is_named
-
-    def of_results(self, time: float, statuses: list[Status]) -> list[Event]:
-        """Return the ends of goals that are new in ~/goal_results.
-
-        The first message is latched: goals in it that the status has never named ended before it.
-        """
-        found = []
-        is_latched, self._has_results = self._names_goals and not self._has_results, True
-        for status in statuses:
-            is_known = status.name in self._ends or (is_latched and status.name not in self._goals)
-            self._ends[status.name] = None
-            if is_known:
-                continue
-            reason, source = (status.values.get(key, "") for key in ("reason", "source"))
-            words = f"goal {status.message}" + (f": {reason}" if reason else "") + (f" [{source}]" if source else "")
-            level, elapsed = _LEVEL_OF_END.get(status.message, ERROR), number(status.values.get("elapsed time [s]"))
-            found.append(Event(time, "end", level, words, status.name, elapsed))
+            self._counts[name] = count
         return found
 
     def of_region(self, time: float, region: float) -> list[Event]:
-        """Return a switch of the law's region."""
+        """Return an event if the region of the law has changed."""
         before, self._region = self._region, region
         if before is None or region == before or region not in (0.0, 1.0):
             return []
         return [Event(time, "switch", OK, f"region {REGION_NAMES[int(region)]}")]
 
     def of_diagnostics(self, time: float, statuses: list[Status]) -> list[Event]:
-        """Return the nodes whose diagnosis has become an error, or another one."""
+        """Return an event for each node that reports a new error."""
         found = []
         for status in statuses:
             if not self._is_own(status.name):
@@ -146,68 +97,27 @@ class EventMaker:
             self._faults[status.name] = diagnosis
         return found
 
-    def of_log(self, time: float, line: LogLine) -> list[Event]:
-        """Return a warning or error of /rosout."""
-        if line.level < _WARNING_LINE or not self._is_own("/" + line.name.replace(".", "/")):
+    def of_log(self, time: float, level: int, name: str, text: str) -> list[Event]:
+        """Return an event for a line of /rosout if the line is a warning or an error."""
+        if level < _WARNING_LINE or not self._is_own("/" + name.replace(".", "/")):
             return []
-        return [Event(time, "fault", ERROR if line.level >= _ERROR_LINE else WARNING, f"{line.name}: {line.message}")]
+        return [Event(time, "fault", ERROR if level >= _ERROR_LINE else WARNING, f"{cut(name)}: {cut(text)}")]
+
+    def of_stamp(self, role: str, stamp: float, received: float) -> list[Event]:
+        """Return an event if the stamps [s] of a topic have jumped against the times of reception [s] for good."""
+        ahead = stamp - received
+        usual, count = self._ahead.get(role, (ahead, 0))
+        if abs(ahead - usual) <= _LEAP:
+            self._ahead[role] = usual, 0
+            return []
+        self._ahead[role] = usual, count + 1
+        if count + 1 < _CONFIRMED:
+            return []
+        self._ahead[role] = ahead, 0
+        return [Event(received, "fault", WARNING, f"stamps of {role} jumped by {ahead - usual:+.1f} s")]
 
     def _is_own(self, node: str) -> bool:
         return not self._namespace or node.startswith(self._namespace + "/")
-
-
-def events_of(
-    robot: RobotTables,
-    curves: Mapping[str, Columns],
-    goals: list[GoalSent],
-    common: Mapping[str, list[Timed]],
-    clock: Clock,
-) -> list[Event]:
-    """Return the events of a robot in the order of time."""
-    maker = EventMaker(robot.namespace)
-    driven = [goal for goal in goals if not goal.is_earlier]
-    found = [maker.of_goal(goal.time, count, goal.pose) for count, goal in enumerate(driven, 1)]
-    texts = robot.texts
-    sources: list[tuple[list[Timed], Callable[[float, Any], list[Event]]]] = [
-        (texts.get("controller", []), lambda time, status: maker.of_status(time, "controller", status)),
-        (texts.get("filter", []), lambda time, status: maker.of_status(time, "filter", status)),
-        (texts.get("results", []), maker.of_results),
-        (common.get("/diagnostics", []), maker.of_diagnostics),
-        (common.get("/rosout", []), maker.of_log),
-    ]
-    for messages, events_in in sources:
-        for log_time, content in messages:
-            found += events_in(clock.of_log_time(log_time), content)
-    if "law" in curves:
-        region = curves["law"]["region"]
-        changes = np.flatnonzero(np.diff(region, prepend=np.nan) != 0.0)
-        for index in changes.tolist():
-            found += maker.of_region(float(curves["law"]["t"][index]), float(region[index]))
-    found += _clock_jumps(robot, clock)
-    found.sort(key=lambda event: event.time)
-    numbers: Counter[str] = Counter()
-    kept = []
-    for event in found:
-        numbers[event.kind] += 1
-        if numbers[event.kind] <= MAX_EVENTS:
-            kept.append(event)
-    return kept
-
-
-def _clock_jumps(robot: RobotTables, clock: Clock) -> list[Event]:
-    """Return the topics whose stamps leapt for good against the times at which they were recorded."""
-    found = []
-    for role in ("odometry", "fixes"):
-        if (table := robot.tables.get(role)) is None or len(table.stamps) < 2:
-            continue
-        order = np.argsort(table.log_times, kind="stable")
-        ahead = (table.stamps - table.log_times)[order] * S_PER_NS
-        at = int(np.argmax(np.abs(np.diff(ahead)))) + 1
-        leap = float(np.median(ahead[at:]) - np.median(ahead[:at]))
-        if min(abs(leap), abs(float(ahead[at] - ahead[at - 1]))) > _LEAP:
-            time = clock.of_log_time(int(table.log_times[order[at]]))
-            found.append(Event(time, "fault", WARNING, f"stamps of {role} jumped by {leap:+.1f} s"))
-    return found
 
 
 def _short(node: str) -> str:

@@ -1,4 +1,4 @@
-"""What a browser may ask for; whatever else it sends is refused with a reason."""
+"""Requests of a browser, and the check of its messages."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ MAX_MESSAGE = 4096
 """[bytes] of a request"""
 POSES = ("goal", "initialpose")
 SWITCHES = ("pause", "record")
-ACTIONS = ("cancel", "reset")
+ACTIONS = ("cancel", "reset", "dock", "undock")
 _MAX_YAW = 1e3
 _MAX_SHOWN = 40
 
@@ -25,16 +25,16 @@ class Request(NamedTuple):
     """one of POSES, SWITCHES and ACTIONS"""
     robot: str
     pose: Pose | None = None
-    """of POSES"""
+    """for POSES"""
     is_on: bool = False
-    """of SWITCHES"""
+    """for SWITCHES"""
 
 
 def read_request(text: str | bytes, robots: Collection[str]) -> Request:
-    """Check a message of a browser.
+    """Return the request that a message of a browser contains.
 
     Raises:
-        InvalidValueError: naming field, value and what is allowed.
+        InvalidValueError: if it contains none; the error names the field, its value and the allowed values.
     """
     try:
         content = json.loads(text) if isinstance(text, str) else None

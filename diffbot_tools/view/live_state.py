@@ -1,4 +1,4 @@
-"""The newest state of all robots, handed from the thread of ROS to that of the server: old news is never queued."""
+"""The newest state of all robots, which the thread of ROS writes and the thread of the server reads."""
 
 from __future__ import annotations
 
@@ -9,37 +9,27 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+from diffbot_tools.view.columns import COLUMNS
 from diffbot_tools.view.events import Event
-from diffbot_tools.view.texts import FILTER_COLUMNS
 
-COLUMNS: dict[str, tuple[str, ...]] = {
-    "estimate": ("t", "x", "y", "theta", "xx", "xy", "yy", "tt"),
-    "truth": ("t", "x", "y", "theta", "v", "omega"),
-    "odometry": ("t", "x", "y", "theta", "v", "omega"),
-    "fixes": ("t", "x", "y", "theta"),
-    "command": ("t", "v", "omega"),
-    "law": ("t", "rho", "alpha", "beta", "eps_P", "region", "V"),
-    "filter": ("t", *FILTER_COLUMNS),
-}
-"""Columns of each live curve, by its name."""
 EVENTS, HISTORY = 500, 6000
-"""Number of events, and of rows of each curve, that a browser gets when it connects: ten minutes at 10 Hz."""
+"""Events of a robot, and rows of a curve (ten minutes at 10 Hz), that a browser receives when it connects."""
 _HISTORY_PERIOD = 0.1 - 1e-6
-"""[s]; the margin is for the rounding of times"""
+"""[s] between two rows of the history; the margin allows for the rounding of times"""
 
 Key = tuple[str, str, str]
-"""Robot, group (``rows`` or empty), name; the robot is empty for what concerns all."""
+"""Robot (empty: all robots), group (``rows`` or empty), name."""
 
 
 class News(NamedTuple):
-    """What has changed since a browser asked last."""
+    """The changes since a version of the state."""
 
     state: dict[str, Any]
-    """message ``state`` for the page; empty if nothing has changed"""
+    """message ``state`` for the page; empty without a change"""
     events: dict[str, list[Event]]
     """by robot"""
     version: int
-    """to ask with the next time"""
+    """the newest version"""
 
 
 class LiveState:
@@ -68,7 +58,7 @@ class LiveState:
                 history.append(array("d", row))  # a quarter of the memory of a list
 
     def put(self, robot: str, name: str, value: Any) -> None:
-        """Set something else that concerns a robot, or all with an empty ``robot``, as JSON takes it."""
+        """Set a named value of a robot, or of all robots with an empty ``robot``; the value is JSON."""
         with self._lock:
             if (before := self._newest.get((robot, "", name))) is None or before[1] != value:
                 self._set((robot, "", name), value)
@@ -78,7 +68,7 @@ class LiveState:
         self._newest[key] = self._version, value
 
     def add_events(self, robot: str, events: Sequence[Event]) -> None:
-        """Append to the list of events."""
+        """Append events of a robot."""
         with self._lock:
             for event in events:
                 self._version += 1
@@ -94,7 +84,7 @@ class LiveState:
         ]
 
     def news(self, version: int) -> News:
-        """Return what is newer than ``version``; 0 for everything."""
+        """Return everything that is newer than ``version``; version 0 is before all."""
         with self._lock:
             changed = {key: value for key, (since, value) in self._newest.items() if since > version}
             events = {
@@ -103,6 +93,26 @@ class LiveState:
                 if many and many[-1][0] > version
             }
             return News(_message(changed), events, self._version)
+
+
+class RobotSink:
+    """Writes the results of the model of one robot to the live state."""
+
+    def __init__(self, state: LiveState, name: str) -> None:
+        """Write to ``state`` under the robot's ``name``."""
+        self._state, self._name = state, name
+
+    def row(self, curve: str, values: Sequence[float]) -> None:
+        """Set the newest row of a curve."""
+        self._state.put_row(self._name, curve, values)
+
+    def events(self, events: Sequence[Event]) -> None:
+        """Append events."""
+        self._state.add_events(self._name, events)
+
+    def put(self, name: str, value: Any) -> None:
+        """Set a new value."""
+        self._state.put(self._name, name, value)
 
 
 def _finite(row: Sequence[float]) -> list[float | None]:

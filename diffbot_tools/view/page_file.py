@@ -1,7 +1,7 @@
-"""The page as one HTML file: style, modules and data inside, nothing to load, only its own script allowed to run.
+"""The page as one HTML file that contains style, modules and data, loads nothing, and runs only its own script.
 
-The modules in page/ are plain ES modules. A file that is opened from the disk may not import others, so they are joined
-into one: their imports and the word ``export`` are left out, and no two of them may define one name.
+The modules in page/ are plain ES modules. A file that is opened from the disk cannot import others, so the modules are
+joined without their imports and the word ``export``. Therefore no two modules may define the same name.
 """
 
 from __future__ import annotations
@@ -16,22 +16,17 @@ from typing import Any
 
 MODULES = (
     "geometry.js",
-    "words.js",
     "theme.js",
     "store.js",
-    "packing.js",
     "view.js",
-    "dock.js",
     "map.js",
-    "pointer.js",
     "charts.js",
     "panels.js",
     "player.js",
-    "share.js",
     "live.js",
     "main.js",
 )
-"""In the order of use: each imports only from those before it."""
+"""Each module imports only from modules earlier in this list."""
 _IMPORT = re.compile(r"^import \{[^}]*\} from \"\./[\w.]+\";\n", re.MULTILINE)
 _EXPORT = re.compile(r"^export (?=async |function |class |const |let )", re.MULTILINE)
 
@@ -67,9 +62,9 @@ def html(data: Any, connect: str = "'none'") -> str:
 
 
 def embedded_json(data: Any) -> str:
-    """Return JSON that stays a text inside a script element, whatever it holds.
+    """Return JSON that cannot end a script element or begin a comment, since it contains no ``<``.
 
-    It is ASCII, so U+2028 is escaped, too; without ``<`` nothing in it can end the element or begin a comment.
+    It is ASCII, so U+2028 is escaped, too.
     """
     return json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
 

@@ -1,160 +1,86 @@
-"""The report of a bag: what the page shows of it, thinned and packed."""
+"""Makes the report of a bag: the data of the page, thinned and packed, and CSV and TUM files beside the page."""
 
 from __future__ import annotations
 
+import base64
+import io
 import math
+import zlib
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from diffbot_bag.tools.bag_info import TopicInfo
-from diffbot_control.law.configuration import ControllerConfig
+from diffbot_bag.info import TopicInfo
 from diffbot_core.errors import DiffbotError
-from diffbot_core.kinematics import WheelGeometry
-from diffbot_tools.trajectory import Trajectory
-from diffbot_tools.view.bag_tables import BagTables, RobotTables, read_tables
-from diffbot_tools.view.clock import Clock, Columns
-from diffbot_tools.view.constants import constants_of, recorded_config, recorded_wheels
-from diffbot_tools.view.events import Event, events_of
-from diffbot_tools.view.footprint import Box
-from diffbot_tools.view.goals import GoalSent, goals_of
-from diffbot_tools.view.landmarks import Landmark, landmarks_on_map
-from diffbot_tools.view.packing import Packer
-from diffbot_tools.view.plans import Plan, PlanEnd, plan_columns
-from diffbot_tools.view.result import goal_rows, health_lines, state_rows
-from diffbot_tools.view.signals import NEES_BOUNDS, clock_of, curves_of
-from diffbot_tools.view.thinning import kept_rows
-
-Array = NDArray[np.float64]
+from diffbot_core.files import write_text
+from diffbot_core.geometry import quaternion_of_yaw
+from diffbot_tools.view.bag_source import BagRobot, BagRun
+from diffbot_tools.view.columns import Array, Columns, kept_rows
+from diffbot_tools.view.constants import constants_of
+from diffbot_tools.view.events import Event
+from diffbot_tools.view.results import cards_of, health_lines, result_line
 
 MAX_ROWS = 40_000
-"""of a curve in the page: 13 minutes at 50 Hz are not thinned"""
-MAX_LISTED = 2000
-"""events of a robot; the page lists as many"""
-MAX_TOPICS = 500
-"""in the table of topics"""
-
-
-class RobotRun(NamedTuple):
-    """One robot of a bag, at full rate."""
-
-    name: str
-    """its namespace without the first slash; ``robot`` without one"""
-    curves: dict[str, Columns]
-    goals: list[GoalSent]
-    events: list[Event]
-    plan: Columns
-    """see plans.plan_columns"""
-    landmarks: list[Landmark]
-    states: list[tuple[float, dict[str, Any]]]
-    """see result.state_rows"""
-    config: ControllerConfig
-    """whose tolerances and limits are drawn"""
-    wheels: WheelGeometry | None
-    """as recorded; None if the recorder noted none"""
-    box: Box | None
-    """of its URDF"""
-
-
-class BagRun(NamedTuple):
-    """A bag as the report needs it."""
-
-    title: str
-    clock: Clock
-    robots: list[RobotRun]
-    tables: BagTables
-
-
-@np.errstate(all="ignore")
-def read_bag_run(bag: Path, config: ControllerConfig | None = None, is_from_goal: bool = False) -> BagRun:
-    """Read a bag; without ``config``, tolerances and limits are those that the recorder noted, or those of ``tuned``.
-
-    A number in the bag may be any: what overflows is inf or nan, and left out of the drawing. Time begins with the
-    first pose, or with the first goal, if there is one and ``is_from_goal``.
-
-    Raises:
-        DiffbotError: if it cannot be read, or holds no robot's pose.
-    """
-    tables = read_tables(bag)
-    clock = clock_of(tables.robots)
-    sent = [goal.time for robot in tables.robots for goal in goals_of(robot, clock)] if is_from_goal else []
-    if sent:
-        clock = clock._replace(origin=int(clock.stamps_of(np.array(min(sent)))))
-    robots = [_robot_run(robot, tables, clock, config) for robot in tables.robots]
-    robots = [robot for robot in robots if {"truth", "estimate", "odometry"} & set(robot.curves)]
-    if not robots:
-        raise DiffbotError(f"{bag}: no pose of a robot in it: no odometry, pose or transform that could be read")
-    return BagRun("/".join(bag.resolve().parts[-2:]), clock, robots, tables)
-
-
-def _robot_run(robot: RobotTables, tables: BagTables, clock: Clock, config: ControllerConfig | None) -> RobotRun:
-    config = config or recorded_config(tables.parameters.get(f"{robot.namespace.rstrip('/')}/controller", {}))
-    curves = curves_of(robot, clock)
-    goals = goals_of(robot, clock)
-    events = events_of(robot, curves, goals, tables.common, clock)
-    plan = plan_columns([*robot.plans, *_ends_of_plans(robot)], clock)
-    landmarks = landmarks_on_map(robot.landmarks, _path_of(curves, clock), clock)
-    states = state_rows(robot.texts, clock)
-    wheels = recorded_wheels(tables.parameters, robot.namespace.rstrip("/"))
-    name = robot.namespace.lstrip("/") or "robot"
-    return RobotRun(name, curves, goals, events, plan, landmarks, states, config, wheels, robot.box)
-
-
-def _ends_of_plans(robot: RobotTables) -> list[Plan]:
-    end = PlanEnd()
-    return [Plan(time, []) for time, status in robot.texts.get("controller", []) if end.is_over(status.values)]
-
-
-def _path_of(curves: dict[str, Columns], clock: Clock) -> Trajectory:
-    """Return the path by which landmarks are placed; without an estimate, the best that there is."""
-    columns = next((curves[name] for name in ("estimate", "truth", "odometry") if name in curves), None)
-    if columns is None:
-        return Trajectory(np.empty(0, np.int64), np.empty((0, 3)))
-    times, first = np.unique(clock.stamps_of(columns["t"]), return_index=True)
-    x, y, theta = (columns[name][first] for name in ("x", "y", "theta"))
-    return Trajectory(times, np.column_stack((x, y, np.unwrap(theta))))
+"""Rows of a curve in the page: 13 minutes at 50 Hz are not thinned."""
+MAX_LISTED, MAX_TOPICS = 2000, 500
+"""Events of a robot, and topics, that the page lists."""
+UNIT, TIME_UNIT = 1e-5, 1e-4
+"""Units of the integers of a packed column ([m], [rad], [m/s] ...) and of its times [s]: finer than any sensor."""
+MISSING = -(2**31)
+"""The integer for NaN and infinite values."""
+_LARGEST = 2.0**30
+_UNSEEN = {"estimate": {"xt", "yt"}, "truth": {"tt"}}
+"""columns that the page does not show"""
+_TABLE, _PATHS = ("estimate", "truth", "odometry", "error", "command", "law"), ("truth", "estimate", "odometry")
+"""curves of the CSV table, and trajectories of TUM files"""
 
 
 @np.errstate(all="ignore")
 def page_data(run: BagRun, *others: BagRun) -> dict[str, Any]:
-    """Return what the page embeds: of one run, or of several that it lays over each other."""
-    packer = Packer()
-    runs = (run, *others)
-    robots = [
-        {
-            "name": _name(robot, one, number) if others else robot.name,
-            "curves": {name: packer.table(_thinned(columns)) for name, columns in robot.curves.items()}
-            | {"plan": packer.table(robot.plan)},
-            "landmarks": [list(landmark) for landmark in robot.landmarks],
-            "goals": [[goal.time, *goal.pose] for goal in robot.goals],
-            "events": [event.row for event in _listed(robot.events)],
-            "summary": goal_rows(robot.curves, robot.goals, robot.events, robot.config, robot.wheels),
-            "health": health_lines(robot.curves, robot.events, NEES_BOUNDS[1], one.tables.lost, one.tables.is_cut_off),
-            "states": robot.states,
-            "constants": constants_of(robot.config, robot.wheels) | {"nees": NEES_BOUNDS},
-            "box": robot.box,
-        }
-        for number, one in enumerate(runs, 1)
-        for robot in one.robots
-    ]
+    """Return the data of the page: of one run, or of several runs that the page lays over each other."""
+    packer, runs = Packer(), (run, *others)
     return {
         "kind": "report",
         "isComparison": bool(others),
         "title": " against ".join(one.title for one in runs),
-        "origin": run.clock.origin // 10**6,
+        "origin": run.origin // 10**6,
         "span": _span([robot for one in runs for robot in one.robots]),
-        "messages": sum(one.tables.messages for one in runs),
-        "malformed": sum(one.tables.malformed for one in runs),
-        "robots": robots,
-        "topics": [topic_figures(topic) for topic in ([] if others else run.tables.topics[:MAX_TOPICS])],
+        "messages": sum(one.messages for one in runs),
+        "malformed": sum(one.malformed for one in runs),
+        "robots": [
+            _robot_data(robot, _name(robot, one, number) if others else robot.name, one, packer)
+            for number, one in enumerate(runs, 1)
+            for robot in one.robots
+        ],
+        "topics": [topic_figures(topic) for topic in ([] if others else run.topics[:MAX_TOPICS])],
         "packed": packer.text(),
     }
 
 
+def _robot_data(robot: BagRobot, name: str, run: BagRun, packer: Packer) -> dict[str, Any]:
+    cards = cards_of(robot.outcomes, robot.curves, robot.config, robot.wheels)
+    curves = {curve: packer.table(_thinned(curve, columns)) for curve, columns in robot.curves.items()}
+    return {
+        "name": name,
+        "curves": curves | {"plan": packer.table(robot.plan)},
+        "landmarks": robot.landmarks(),
+        "dock": robot.dock,
+        "goals": [
+            [goal.time, *goal.pose, None if math.isnan(goal.ended) else goal.ended] for goal in robot.model.goals.goals
+        ],
+        "events": _listed(robot.all_events),
+        "cards": cards,
+        "result": result_line(cards),
+        "health": health_lines(robot.curves, robot.all_events, run.lost, run.is_cut_off),
+        "states": robot.states,
+        "constants": constants_of(robot.config, robot.wheels),
+    }
+
+
 def _listed(events: list[Event]) -> list[Event]:
-    """Return the events that the page lists, without those of details if they are too many."""
+    """Return the events that the page lists; of too many, switches go first, then rejections, then the latest."""
     for details in ((), ("switch",), ("switch", "rejection")):
         kept = [event for event in events if event.kind not in details]
         if len(kept) <= MAX_LISTED:
@@ -162,34 +88,123 @@ def _listed(events: list[Event]) -> list[Event]:
     return kept[:MAX_LISTED]
 
 
-def _name(robot: RobotRun, run: BagRun, number: int) -> str:
+def _name(robot: BagRobot, run: BagRun, number: int) -> str:
     return f"{number}: {run.title}" + (f" {robot.name}" if len(run.robots) > 1 else "")
 
 
-def _thinned(columns: Columns) -> Columns:
-    watched = np.column_stack([values for name, values in columns.items() if name != "t"])
-    kept = kept_rows(watched, MAX_ROWS)
-    return {name: values[kept] for name, values in columns.items()}
+def _thinned(curve: str, columns: Columns) -> Columns:
+    kept = {name: values for name, values in columns.items() if name not in _UNSEEN.get(curve, ())}
+    rows = kept_rows(np.column_stack([values for name, values in kept.items() if name != "t"]), MAX_ROWS)
+    return {name: values[rows] for name, values in kept.items() if np.isfinite(values).any()}
 
 
-def _span(robots: list[RobotRun]) -> list[float]:
+def _span(robots: list[BagRobot]) -> list[float]:
     times = [columns["t"] for robot in robots for columns in robot.curves.values()]
     # To whole milliseconds, outwards: the slider's text must not end before the last row.
     begin, end = min(float(t[0]) for t in times), max(float(t[-1]) for t in times)
-    return [math.floor(1000.0 * begin) / 1000.0, math.ceil(1000.0 * end + 0.1) / 1000.0]
+    return [math.floor(1000.0 * begin + 0.01) / 1000.0, math.ceil(1000.0 * end + 0.1) / 1000.0]
 
 
 def topic_figures(topic: TopicInfo) -> dict[str, Any]:
     """Return number, rate, largest gap and delays of a topic."""
-    row: dict[str, Any] = {
-        "name": topic.name,
-        "type": topic.type,
-        "count": topic.message_count,
-        "rate": None,
-        "gap": None,
-    }
+    row: dict[str, Any] = {"name": topic.name, "type": topic.type, "count": topic.message_count}
     if topic.figures is not None:
         row |= {"rate": topic.figures.rate, "gap": topic.figures.gap}
         if (latency := topic.figures.latency) is not None:
             row |= {"delay": latency.median, "delay99": latency.p99}
     return row
+
+
+class Packer:
+    """Collects columns as differences of integers of a fine unit, compressed, as base64 (page/store.js unpacks them).
+
+    Neighbouring values differ little, so a difference needs one or two bytes where a float64 has eight.
+    """
+
+    def __init__(self) -> None:
+        """Start empty."""
+        self._parts: list[bytes] = []
+        self._size = 0
+
+    def table(self, columns: Mapping[str, Array]) -> dict[str, Any]:
+        """Add a table of columns (n,) of equal length; return its description for the page."""
+        described = {}
+        for name, values in columns.items():
+            unit, data = pack(values, TIME_UNIT if name == "t" else UNIT)
+            described[name] = {"unit": unit, "at": self._size}
+            self._parts.append(data)
+            self._size += len(data)
+        return {"rows": len(columns["t"]), "columns": described}
+
+    def text(self) -> str:
+        """Return all columns, compressed (zlib) and as base64."""
+        return base64.b64encode(zlib.compress(b"".join(self._parts), 6)).decode("ascii")
+
+
+def pack(values: Array, unit: float) -> tuple[float, bytes]:
+    """Return the unit of the integers and the bytes of their differences, the lowest bytes of all first."""
+    finite = np.isfinite(values)
+    largest = float(np.abs(values[finite]).max()) if finite.any() else 0.0
+    unit = max(unit, largest / _LARGEST)
+    whole = np.full(len(values), MISSING, np.int64)
+    whole[finite] = np.round(values[finite] / unit).astype(np.int64)
+    # Modulo 2^32, as the page adds them up again.
+    differences = np.diff(whole, prepend=0).astype(np.uint32)
+    return unit, differences.astype("<u4").view(np.uint8).reshape(-1, 4).T.tobytes()
+
+
+def export(run: BagRun, report: Path, csv: bool, tum: bool) -> list[Path]:
+    """Write CSV and TUM files beside ``report``, with names that begin like its name; return the files.
+
+    Raises:
+        DiffbotError: if the files of two robots would have the same name; nothing is written then.
+        OSError: if a file cannot be written.
+    """
+    texts: list[tuple[Path, str]] = []
+    for robot in run.robots:
+        name = "".join(letter if letter.isalnum() else "_" for letter in robot.name)[:80]
+        stem = f"{report.stem}_{name}" if len(run.robots) > 1 else report.stem
+        if csv:
+            texts.append((report.with_name(f"{stem}.csv"), csv_text(robot)))
+        for curve in _PATHS if tum else ():
+            if curve in robot.curves:
+                path = report.with_name(f"{stem}_{curve}.tum")
+                texts.append((path, tum_text(robot.curves[curve], run.origin)))
+    files = [path for path, _ in texts]
+    if len(set(files)) < len(files):
+        raise DiffbotError("two robots of the bag have names that make one file name")
+    for path, text in texts:
+        write_text(path, text)
+    return files
+
+
+def csv_text(robot: BagRobot) -> str:
+    """Return a table with a row for each estimate; without estimates, for each odometry or true pose.
+
+    A row holds the newest values of the other curves at its time; a cell is empty before the first value of its curve.
+    """
+    base = next(robot.curves[name] for name in ("estimate", "odometry", "truth") if name in robot.curves)
+    times = base["t"]
+    names, columns = ["t"], [times]
+    for curve in _TABLE:
+        if curve not in robot.curves:
+            continue
+        source = robot.curves[curve]
+        held = np.searchsorted(source["t"], times + 1e-6, "right") - 1
+        for name, values in source.items():
+            if name != "t" and name not in _UNSEEN.get(curve, ()):
+                names.append(f"{curve}.{name}")
+                columns.append(np.where(held >= 0, values[np.maximum(held, 0)], np.nan))
+    text = io.StringIO()
+    np.savetxt(text, np.column_stack(columns), fmt="%.9g", delimiter=",", header=",".join(names), comments="")
+    return text.getvalue().replace("nan", "")
+
+
+def tum_text(path: Columns, origin: int) -> str:
+    """Return lines ``stamp x y z qx qy qz qw`` with the stamps [s] of the messages; ``origin`` [ns]: stamp of t = 0."""
+    lines = []
+    for t, x, y, theta in zip(*(path[name].tolist() for name in ("t", "x", "y", "theta")), strict=True):
+        seconds, nanoseconds = divmod(origin + round(t * 1e9), 10**9)
+        z, w = quaternion_of_yaw(theta)
+        lines.append(f"{seconds}.{nanoseconds:09d} {x:.9g} {y:.9g} 0 0 0 {z:.9g} {w:.9g}")
+    return "\n".join(lines) + "\n"

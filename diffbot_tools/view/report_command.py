@@ -1,28 +1,16 @@
-"""The command ``diffbot report``: a bag to one HTML file, and files beside it."""
+"""The command ``diffbot report``: write an HTML file about a bag, and CSV and TUM files beside it."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from diffbot_core.errors import DiffbotError
 
 MAX_BAGS = 3
-"""in one report"""
-
-
-class ReportOptions(NamedTuple):
-    """Options of the command line."""
-
-    bag: Path
-    out: Path
-    preset: str | None
-    csv: bool = False
-    tum: bool = False
-    others: tuple[Path, ...] = ()
-    """bags that are laid over the first one"""
+"""Bags in one report."""
 
 
 def add_report(commands: Any) -> None:
@@ -48,28 +36,27 @@ def add_report(commands: Any) -> None:
 
 
 def _call(options: argparse.Namespace) -> int:
-    bag, *others = options.bag
-    out = options.out or bag.resolve().with_suffix(".html")
-    return run(ReportOptions(bag, out, options.preset, options.csv, options.tum, tuple(others)))
+    out = options.out or options.bag[0].resolve().with_suffix(".html")
+    return run(options.bag, out, options.preset, options.csv, options.tum)
 
 
-def run(options: ReportOptions) -> int:
-    """Write the report and name the files.
+def run(bags: Sequence[Path], out: Path, preset: str | None = None, csv: bool = False, tum: bool = False) -> int:
+    """Write the report of a bag, or of several bags laid over each other, and print the names of the files.
 
     Raises:
-        DiffbotError: if the bag cannot be read, or a file cannot be written.
+        DiffbotError: if a bag cannot be read, or a file cannot be written.
     """
-    out = options.out.expanduser()
+    out = out.expanduser()
     if out.suffix.lower() not in (".html", ".htm"):
         raise DiffbotError(f"--out {out}: must end with .html")
     if not out.parent.is_dir():
         raise DiffbotError(f"--out {out}: no folder {out.parent}")
-    if len(options.others) >= MAX_BAGS:
-        raise DiffbotError(f"{1 + len(options.others)} bags: must be at most {MAX_BAGS}")
-    if options.others and (options.csv or options.tum):
+    if len(bags) > MAX_BAGS:
+        raise DiffbotError(f"{len(bags)} bags: must be at most {MAX_BAGS}")
+    if len(bags) > 1 and (csv or tum):
         raise DiffbotError("--csv and --tum: only with one bag")
-    bag, *others = (one.expanduser() for one in (options.bag, *options.others))
-    files = write_report(bag, out, options.preset, options.csv, options.tum, others)
+    bag, *others = (one.expanduser() for one in bags)
+    files = write_report(bag, out, preset, csv, tum, others)
     print(f"Report {out}" + (f", beside it {', '.join(path.name for path in files)}" if files else ""))
     return 0
 
@@ -82,9 +69,9 @@ def write_report(
     tum: bool = False,
     others: Sequence[Path] = (),
 ) -> list[Path]:
-    """Write the page ``out``, which appears whole or not at all; return the files beside it.
+    """Write the page ``out`` atomically; return the files beside it.
 
-    Of several bags, the times of each begin with its first goal.
+    With several bags, the times of each bag begin with its first goal.
 
     Raises:
         DiffbotError: if the bag cannot be read, or a file cannot be written.
@@ -92,12 +79,12 @@ def write_report(
     # Only the called command loads what it needs.
     from diffbot_control.law.presets import PRESETS  # noqa: PLC0415
     from diffbot_core.files import write_text  # noqa: PLC0415
-    from diffbot_tools.view.exports import export  # noqa: PLC0415
+    from diffbot_tools.view.bag_source import read_bag  # noqa: PLC0415
     from diffbot_tools.view.page_file import html  # noqa: PLC0415
-    from diffbot_tools.view.report import page_data, read_bag_run  # noqa: PLC0415
+    from diffbot_tools.view.report import export, page_data  # noqa: PLC0415
 
-    config = None if preset is None else PRESETS[preset]
-    found = [read_bag_run(one, config, bool(others)) for one in (bag, *others)]
+    config = None if preset is None else PRESETS[preset].config
+    found = [read_bag(one, config, bool(others)) for one in (bag, *others)]
     try:
         write_text(out, html(page_data(*found)))
         return export(found[0], out, csv, tum)

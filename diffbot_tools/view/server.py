@@ -1,9 +1,9 @@
 """Serves the page and its WebSocket to browsers, in a thread of its own.
 
-Whoever may send goals to a robot has to be the user: the address carries a token, the Host and Origin headers have to
-be those of this server (a foreign page in the same browser has another origin, a rebound name another host), and
-whatever a browser sends is small and checked. A browser that is slow gets the newest state when it is ready for it;
-one that takes nothing, or that cannot be served, loses its own connection.
+Only the user may send goals to a robot. Therefore the address contains a token, and the Host and Origin headers must
+name this server: a foreign page in the same browser has another origin, and a rebound name is another host. Requests
+are small and are checked. A slow browser receives the newest state when it is ready for it. A browser that receives
+nothing, or that cannot be served, loses its own connection.
 """
 
 from __future__ import annotations
@@ -11,10 +11,14 @@ from __future__ import annotations
 import asyncio
 import hmac
 import ipaddress
+import json
+import logging
+import math
 import secrets
 import socket
 import threading
 import urllib.parse
+from collections import deque
 from collections.abc import Callable, Coroutine
 from functools import partial
 from http import HTTPStatus
@@ -27,24 +31,31 @@ from websockets.http11 import Request as HttpRequest
 from websockets.http11 import Response
 
 from diffbot_core.errors import DiffbotError, InvalidValueError
-from diffbot_tools.view.connections import Browser, Connection, Opening, silent_logger
+from diffbot_tools.view.columns import COLUMNS
 from diffbot_tools.view.intake import MAX_MESSAGE, Request, read_request
-from diffbot_tools.view.live_state import COLUMNS, LiveState
+from diffbot_tools.view.live_state import LiveState
 from diffbot_tools.view.page_file import html, policy
 
-PERIOD = 0.05
-"""[s] between two messages to a browser: 20 Hz"""
+PERIOD = 1.0 / 30.0
+"""[s] between two messages to a browser: 30 frames a second"""
 REQUEST_PERIOD = 0.02
 """[s] between two requests of a browser that are read"""
 OPEN_TIMEOUT = 5.0
-"""[s] from a connection to its complete request"""
+"""[s] after which a connection without a complete request is closed"""
 MAX_BROWSERS = 16
 MAX_BAD = 20
 """bad requests after which a browser is disconnected"""
 _START_TIMEOUT = 10.0
+SEND_TIMEOUT = 10.0
+"""[s] after which a browser that does not receive a message is disconnected"""
+MAX_OPENING = 64
+"""Connections without a complete request; beyond this number, the oldest is closed."""
+_ANSWERS = 50
 
 Reply = Callable[[str, int], None]
-"""Takes a text for the browser and its level, 0 to 2; may be called from any thread."""
+"""Sends a text with a level from 0 to 2 to the browser; may be called from any thread."""
+Opening = dict["Connection", None]
+"""Connections without a complete request, the oldest first."""
 
 
 class Address(NamedTuple):
@@ -55,8 +66,52 @@ class Address(NamedTuple):
     """0: a free one"""
 
 
+class Connection(ServerConnection):
+    """A connection, which is in ``opening`` until its handshake is complete."""
+
+    def __init__(self, opening: Opening, *arguments: Any, **options: Any) -> None:
+        """Make a connection; ``opening`` belongs to the server."""
+        super().__init__(*arguments, **options)
+        self.opening = opening
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Add the connection to ``opening``; beyond MAX_OPENING, close the oldest."""
+        super().connection_made(transport)
+        self.opening[self] = None
+        if len(self.opening) > MAX_OPENING:
+            oldest = next(iter(self.opening))
+            del self.opening[oldest]
+            oldest.transport.abort()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Remove the connection from ``opening``."""
+        self.opening.pop(self, None)
+        super().connection_lost(exc)
+
+
+class Browser:
+    """A connection whose handshake is complete."""
+
+    def __init__(self, connection: ServerConnection) -> None:
+        """Start without an answer."""
+        self.connection = connection
+        self.answers: deque[dict[str, Any]] = deque(maxlen=_ANSWERS)
+        self.bad = 0
+
+    def reply(self, text: str, level: int) -> None:
+        """Queue an answer; when the queue is full, drop the oldest answer."""
+        self.answers.append({"type": "answer", "text": text, "level": level})
+
+    async def send(self, message: Any) -> None:
+        """Send a message; if the browser does not receive it within SEND_TIMEOUT, close the connection."""
+        try:
+            await asyncio.wait_for(self.connection.send(as_json(message)), SEND_TIMEOUT)
+        except asyncio.TimeoutError:
+            self.connection.transport.abort()
+
+
 class PageServer:
-    """The server; :meth:`start` and :meth:`stop` are for the thread that made it."""
+    """The server; call :meth:`start` and :meth:`stop` from one thread."""
 
     def __init__(
         self,
@@ -69,10 +124,10 @@ class PageServer:
         """Prepare the page; nothing listens yet.
 
         Args:
-            state: what the browsers are shown.
-            constants: tolerances and limits until others are known.
+            state: the state that the browsers show.
+            constants: tolerances and limits, see constants.py, until those of the robot are known.
             on_request: called in the server's thread with each checked request; must return at once.
-            on_error: called in the server's thread with what no request should raise; the server goes on.
+            on_error: called in the server's thread with each unexpected exception; the server continues.
             address: where to listen.
         """
         self._state, self._constants, self._address = state, constants, address
@@ -141,7 +196,7 @@ class PageServer:
             self._address.port,
             process_request=self._answer_http,
             create_connection=partial(Connection, self._opening),  # type: ignore[arg-type] # only ever called
-            logger=silent_logger(),
+            logger=_silent_logger(),
             open_timeout=OPEN_TIMEOUT,
             compression=None,
             max_size=MAX_MESSAGE,
@@ -184,14 +239,14 @@ class PageServer:
         return None
 
     def _is_own_host(self, host: str) -> bool:
-        """Return whether a Host header names this server by a number or as localhost: no other name can be trusted."""
+        """Return True if a Host header names this server by a number or as localhost: other names may be rebound."""
         name, _, port = host.rpartition(":")
         if port != str(self.port):
             return False
         if name in ("localhost", self._address.host, socket.gethostname()):
             return True
         try:
-            # The name of an interface may hold anything, and the host stands in the page.
+            # The page contains the host, and the name of an interface (after %) may contain anything.
             return "%" not in name and bool(ipaddress.ip_address(name.strip("[]")))
         except ValueError:
             return False
@@ -225,14 +280,14 @@ class PageServer:
             self._browsers.discard(browser)
 
     async def _guard(self, browser: Browser, work: Coroutine[Any, Any, None]) -> None:
-        """Do one direction of a conversation; what goes wrong in it ends this connection alone."""
+        """Do one direction of a conversation; an exception in it ends this connection only."""
         try:
             await work
         except ConnectionClosed:
             pass
         except Exception as error:
             self._on_error(error)
-            # Left open, the page would wait for ever; closed, it connects again.
+            # With an open connection the page would wait for ever; after the end of the connection it connects again.
             await browser.connection.close(1011, "internal error")
 
     async def _receive_all(self, browser: Browser) -> None:
@@ -243,7 +298,7 @@ class PageServer:
             await asyncio.sleep(REQUEST_PERIOD)
 
     async def _send(self, browser: Browser) -> None:
-        """Send the newest state whenever the browser has taken the one before, at most every PERIOD."""
+        """Send the newest state whenever the browser has received the previous one, at most every PERIOD."""
         hello = {"type": "hello", "robots": self._state.robots, "columns": COLUMNS, "constants": self._constants}
         version = 0
         for message in (hello, *self._state.history()):
@@ -253,7 +308,7 @@ class PageServer:
             if state:
                 await browser.send(state)
             for robot, many in events.items():
-                await browser.send({"type": "events", "robot": robot, "events": [one.row for one in many]})
+                await browser.send({"type": "events", "robot": robot, "events": many})
             while browser.answers:
                 await browser.send(browser.answers.popleft())
             await asyncio.sleep(PERIOD)
@@ -271,3 +326,27 @@ class PageServer:
 def _single(headers: Headers, name: str) -> str:
     found = headers.get_all(name)
     return found[0] if len(found) == 1 else ""
+
+
+def _silent_logger() -> logging.Logger:
+    """Return a logger without output: websockets would log a traceback for each client that disconnects early."""
+    logger = logging.getLogger(f"{__name__}.websockets")
+    logger.addHandler(logging.NullHandler())
+    logger.propagate = False
+    return logger
+
+
+def as_json(message: Any) -> str:
+    """Return a message for a browser; numbers that are not finite are null, since a browser refuses NaN in JSON."""
+    try:
+        return json.dumps(message, separators=(",", ":"), allow_nan=False)
+    except ValueError:
+        return json.dumps(_finite(message), separators=(",", ":"), allow_nan=False)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(one) for key, one in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(one) for one in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,17 +1,20 @@
-"""The messages of a bag that consist of texts: states, ends of goals, diagnostics and logs."""
+"""Messages that consist of texts: states, ends of goals and diagnostics, and tables of such texts.
+
+A message has the attributes of its ROS type; it comes from rclpy or from a decoded bag.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
-from diffbot_core.cdr import CdrCursor
-
-FILTER_COLUMNS = ("nis", "nis_low", "nis_high", "whiteness", "whiteness_bound", "left", "right")
-"""Mean NIS per number and its 95 % bounds, autocorrelation of the first kind of measurement, wheel radius errors."""
+OK, WARNING, ERROR = 0, 1, 2
+"""Levels of a DiagnosticStatus, which events and words use too."""
 MAX_TEXT = 300
-"""characters that are kept of one text"""
+"""Characters of one text that are kept."""
+K = TypeVar("K")
+V = TypeVar("V")
 
 
 class Status(NamedTuple):
@@ -24,50 +27,40 @@ class Status(NamedTuple):
     values: Mapping[str, str]
 
 
-class LogLine(NamedTuple):
-    """A rcl_interfaces/Log."""
+class BoundedTable(dict[K, V]):
+    """A dict in the order in which its entries were last set; beyond its size the oldest is dropped and counted.
 
-    stamp: int
-    """[ns]"""
-    level: int
-    """10, 20, 30, 40, 50: debug to fatal"""
-    name: str
-    message: str
-
-
-def read_status(data: bytes) -> Status:
-    """Read a DiagnosticStatus.
-
-    Raises:
-        CdrError: if it is none.
+    It is for names that come from outside, which could fill the memory otherwise.
     """
-    return _status(CdrCursor(data))
+
+    def __init__(self, size: int) -> None:
+        """Start empty; ``size`` is the number of entries that are kept."""
+        super().__init__()
+        self._size = size
+        self.dropped = 0
+
+    def __setitem__(self, key: K, value: V) -> None:
+        """Set an entry, which becomes the newest."""
+        self.pop(key, None)
+        super().__setitem__(key, value)
+        if len(self) > self._size:
+            del self[next(iter(self))]
+            self.dropped += 1
 
 
-def read_statuses(data: bytes) -> list[Status]:
-    """Read a DiagnosticArray.
-
-    Raises:
-        CdrError: if it is none.
-    """
-    cursor = CdrCursor(data)
-    cursor.stamp()
-    cursor.text()
-    return [_status(cursor) for _ in range(cursor.length())]
+def status_of(message: Any) -> Status:
+    """Return the contents of a DiagnosticStatus; its texts are cut to MAX_TEXT characters."""
+    values = {cut(one.key): cut(one.value) for one in message.values}
+    return Status(_number_of(message.level), cut(message.name), cut(message.message), values)
 
 
-def read_log(data: bytes) -> LogLine:
-    """Read a line of /rosout.
-
-    Raises:
-        CdrError: if it is none.
-    """
-    cursor = CdrCursor(data)
-    return LogLine(cursor.stamp(), cursor.byte(), _cut(cursor.text()), _cut(cursor.text()))
+def statuses_of(message: Any) -> list[Status]:
+    """Return the contents of a DiagnosticArray."""
+    return [status_of(one) for one in message.status]
 
 
 def filter_numbers(values: Mapping[str, str]) -> tuple[float, ...]:
-    """Return FILTER_COLUMNS from the values of ekf/status; NaN for what is not in them."""
+    """Return a row of columns.FILTER_COLUMNS from the values of ekf/status; a missing value is NaN."""
     bounds = values.get("NIS 95 % bounds", "").split()
     kinds = [key for key in values if key.startswith("autocorrelation of ") and not key.endswith(" bound")]
     kind = kinds[0] if kinds else ""
@@ -80,53 +73,19 @@ def filter_numbers(values: Mapping[str, str]) -> tuple[float, ...]:
     )
 
 
-def controller_state(status: Status) -> dict[str, Any]:
-    """Return what the page puts into words of a controller's status (page/words.js)."""
-    values = status.values
-    return {
-        "text": status.message,
-        "level": status.level,
-        "reason": values.get("reason", ""),
-        "finish": values.get("finish", ""),
-        "waypoint": values.get("waypoint", ""),
-        "isHeld": "goal" in values,
-    }
-
-
-def docking_state(status: Status) -> tuple[int, str] | None:
-    """Return level and text of a docking under way; None without one."""
-    values = status.values
-    if "goal" not in values:
-        return None
-    if status.message != "driving":
-        return status.level, f"docking: {status.message}"
-    broken_off = values.get("approaches broken off", "0")
-    text = f"docking: {values.get('phase', 'driving')}"
-    return (0, text) if broken_off == "0" else (1, f"{text}, approaches broken off: {broken_off}")
-
-
-def filter_state(status: Status) -> dict[str, Any]:
-    """Return what the page puts into words of the filter's status: why it gives no poses; empty if it does."""
-    return {"filter": status.values.get("reason", status.message) if status.level else ""}
-
-
 def number(text: str | None) -> float:
-    """Return the first number of a text, NaN if it does not begin with one."""
+    """Return the first number of a text, NaN if the text does not begin with a number."""
     try:
         return float((text or "").split()[0])
     except (IndexError, ValueError):
         return math.nan
 
 
-def _status(cursor: CdrCursor) -> Status:
-    level, name, message = cursor.byte(), cursor.text(), cursor.text()
-    cursor.text()
-    values = {}
-    for _ in range(cursor.length()):
-        key = cursor.text()
-        values[_cut(key)] = _cut(cursor.text())
-    return Status(level, _cut(name), _cut(message), values)
+def _number_of(byte: int | bytes) -> int:
+    """Return the number in a field of type byte, which rclpy represents by bytes of length 1."""
+    return byte[0] if isinstance(byte, bytes) else byte
 
 
-def _cut(text: str) -> str:
+def cut(text: str) -> str:
+    """Return a text, cut to MAX_TEXT characters."""
     return text if len(text) <= MAX_TEXT else text[: MAX_TEXT - 3] + "..."

@@ -29,10 +29,10 @@ class WatchConfig(NamedTuple):
     open_browser: Annotated[bool, Spec("open the page in the browser", read_only=True)] = False
 
     def check(self) -> None:
-        """Refuse no robots, too many, or one twice.
+        """Check the number of robots, and that each robot is named once.
 
         Raises:
-            InvalidValueError: if they are.
+            InvalidValueError: if ``namespaces`` is empty, too long, or contains a robot twice.
         """
         if not 1 <= len(self.namespaces) <= MAX_ROBOTS:
             raise InvalidValueError("namespaces", list(self.namespaces), f"from 1 to {MAX_ROBOTS}")

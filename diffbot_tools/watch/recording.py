@@ -18,32 +18,32 @@ from pathlib import Path
 
 from diffbot_core.errors import DiffbotError
 from diffbot_tools.arguments import ros_parameters
-from diffbot_tools.demo.processes import BOUND, STOP_TIMEOUT
+from diffbot_tools.processes import BOUND, STOP_TIMEOUT
 from diffbot_tools.view.server import Reply
 
-RECORDER = (sys.executable, "-m", "diffbot_bag.recorder_node")
+RECORDER = (sys.executable, "-m", "diffbot_core.launcher", "diffbot_bag.recorder_node")
 READY_TIMEOUT = 60.0
-"""[s] from the start of a recorder to its bag; a busy machine starts processes slowly"""
+"""[s] after which a recorder without a bag has failed; a busy machine starts processes slowly"""
 MAX_WAITING = 8
-"""requests that wait for the one before"""
+"""Requests in the queue; more are refused."""
 _LOOK_PERIOD = 0.2
 _POLL = 0.02
 _LINES, _MAX_LINE = 20, 200
-"""last lines of the recorder that are kept, and characters of one that are shown"""
+"""Last lines of the recorder that are kept, and characters of a line that are shown."""
 
 
-class Recording:
-    """Records all topics into a new bag at a time.
+class PageRecording:
+    """Records all topics, each time into a new bag.
 
-    All is done in one thread, which lives as long as this object: the system ends a bound process together with the
-    thread that started it.
+    One thread does everything and lives as long as this object, because the system ends a bound process together with
+    the thread that started it.
     """
 
     def __init__(self, folder: Path, on_change: Callable[[], None], command: Sequence[str] = RECORDER) -> None:
         """Start the thread.
 
         Args:
-            folder: bags become folders in it.
+            folder: each bag is a new folder in it.
             on_change: called in the thread when :attr:`is_on` or :attr:`problem` may have changed.
             command: of the recorder; ROS arguments are appended.
         """
@@ -63,7 +63,7 @@ class Recording:
         return self._recorder is not None
 
     def add(self, is_on: bool, reply: Reply) -> None:
-        """Take a request to start or to stop; the answer comes when that is done. Returns at once."""
+        """Queue a request to start or to stop and return at once; the answer comes when it is done."""
         try:
             self._requests.put_nowait((is_on, reply))
         except queue.Full:
@@ -93,7 +93,7 @@ class Recording:
                 self._stop()
 
     def _look(self) -> None:
-        """Report a recorder that has ended by itself."""
+        """If the recorder has ended by itself, report that to the browser that started it."""
         if self._recorder is None or self._recorder.is_running:
             return
         recorder, self._recorder = self._recorder, None
@@ -137,13 +137,13 @@ class Recording:
 
 
 class _Recorder:
-    """A recorder process and the last lines that it wrote, which also go to the log of this one."""
+    """A recorder process, whose output goes to the log of this process; the last lines are kept."""
 
     def __init__(self, bag: Path, command: Sequence[str]) -> None:
-        """Start it.
+        """Start the process.
 
         Raises:
-            OSError: if that is impossible.
+            OSError: if it cannot be started.
         """
         self.bag = bag
         self._process = subprocess.Popen(
@@ -161,21 +161,21 @@ class _Recorder:
 
     @property
     def is_ready(self) -> bool:
-        """True once it has its bag: a signal then ends it in order."""
+        """True once the bag exists; from then on, a signal ends the recorder in order."""
         return any(self.bag.glob("*.mcap"))
 
     @property
     def is_running(self) -> bool:
-        """False when it has ended."""
+        """True until the process has ended."""
         return self._process.poll() is None
 
     @property
     def is_complete(self) -> bool:
-        """True if it has ended in order and closed its bag."""
+        """True if the process has ended in order and closed its bag."""
         return self._process.returncode == 0 and (self.bag / "metadata.yaml").is_file()
 
     def stop(self) -> str:
-        """End it if it still runs, after STOP_TIMEOUT by force; return in words how it ended."""
+        """End the process, after STOP_TIMEOUT by force; return in words how it ended."""
         if self.is_running:
             self._process.send_signal(signal.SIGINT)
         try:
@@ -194,6 +194,6 @@ class _Recorder:
             for line in output:
                 if line.strip():
                     self._lines.append(line.strip())
-                # Without a reader of this process's log, the recorder goes on.
+                # The recorder continues even if nobody reads the log of this process.
                 with contextlib.suppress(OSError, ValueError):
                     print(line, end="", file=sys.stderr, flush=True)

@@ -1,13 +1,14 @@
-"""The node ``watch``: hands the topics of robots to a page server, and requests of browsers to the robots."""
+"""The node ``watch``: passes topics of robots to the server of the page, and requests of browsers to the robots."""
 
 from __future__ import annotations
 
-if __name__ == "__main__":  # before the imports that take long: see launcher
-    from diffbot_core.launcher import launch
-
-    raise SystemExit(launch("diffbot_tools.watch.watch_node"))
-
+import html
+import os
+import sys
+import tempfile
+import threading
 import time
+import webbrowser
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,31 +16,32 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from diffbot_control.law.presets import PRESETS, TUNED
-from diffbot_core.cdr import CdrError
-from diffbot_core.errors import BadMessageError, DiffbotError
-from diffbot_core.ros.node import QUEUE, DiffbotNode, run
-from diffbot_tools.view.bounded_table import BoundedTable
+from diffbot_core.errors import DiffbotError
+from diffbot_core.files import runtime_folder
+from diffbot_core.ros.node import DiffbotNode
+from diffbot_core.ros.qos import QUEUE
+from diffbot_core.ros.run import run
 from diffbot_tools.view.constants import constants_of
 from diffbot_tools.view.intake import Request
 from diffbot_tools.view.live_state import LiveState
+from diffbot_tools.view.model import PageClock
 from diffbot_tools.view.server import Address, PageServer, Reply
-from diffbot_tools.view.texts import Status, read_statuses
-from diffbot_tools.watch.opened_page import OpenedPage
+from diffbot_tools.view.texts import BoundedTable, Status, statuses_of
+from diffbot_tools.watch.errands import Errands, Found
 from diffbot_tools.watch.parameters import WatchConfig, robot_names
-from diffbot_tools.watch.recording import Recording
-from diffbot_tools.watch.ros.errands import Errands, Found
-from diffbot_tools.watch.ros.robot_watch import RobotWatch, SharedClock
+from diffbot_tools.watch.recording import PageRecording
+from diffbot_tools.watch.ros_source import RobotSource
 
 _LOOK_PERIOD = 1.0
 _OUTDATED, _STALE, _ENDED = 5.0, 3, 4
-"""[s] without a new diagnosis, due once a second, after which the last one is shown as stale; the level STALE, and
-that of a node that has left the graph"""
+"""[s] after which the last diagnosis of a node counts as stale (a node sends one each second); the level STALE, and the
+page's level of a node that has left the graph"""
 MAX_NODES = 100
-"""whose diagnoses are shown"""
+"""Nodes whose diagnoses are shown."""
 
 
 class WatchNode(DiffbotNode[WatchConfig]):
-    """Subscribes for the page; browsers are served in a thread, requests done in one per robot."""
+    """Subscribes for the page. One thread serves the browsers, and one thread per robot does their requests."""
 
     def __init__(self, **node_options: Any) -> None:
         """Start the server and subscribe."""
@@ -47,36 +49,35 @@ class WatchNode(DiffbotNode[WatchConfig]):
         config = self.config
         self._names = robot_names(config.namespaces)
         self._state = LiveState(self._names)
-        self._constants = constants_of(PRESETS[TUNED])
         self._diagnoses: BoundedTable[str, tuple[float, Status]] = BoundedTable(MAX_NODES)
-        self._found_services: dict[str, dict[str, bool]] = {}
         on_error = partial(self.contain, where="the server of the page")
         address = Address(config.host, config.port)
-        self.server = PageServer(self._state, self._constants, self._on_request, on_error, address)
+        constants = constants_of(PRESETS[TUNED].config)
+        self.server = PageServer(self._state, constants, self._on_request, on_error, address)
         try:
             self.server.start()
         except DiffbotError:
             self.destroy_node()
             raise
         folder = config.record_folder
+        self._found: dict[str, Found] = {}
         self._present: set[str] = set()
         """names of the nodes in the graph"""
-        self._recording = Recording(Path(folder), self._put_services) if folder else None
-        clock = SharedClock()
-        robots = zip(self._names, config.namespaces, strict=True)
-        self._robots = {name: RobotWatch(self, name, namespace, self._state, clock) for name, namespace in robots}
-        self._errands = {
-            name: Errands(namespace, config, partial(self._on_found, name))
-            for name, namespace in zip(self._names, config.namespaces, strict=True)
-        }
-        self.subscribe(DiagnosticArray, "/diagnostics", self._on_diagnostics, QUEUE, raw=True)
+        self._recording = PageRecording(Path(folder), self._put_recording) if folder else None
+        clock = PageClock()
+        self._robots: dict[str, RobotSource] = {}
+        self._errands: dict[str, Errands] = {}
+        for name, namespace in zip(self._names, config.namespaces, strict=True):
+            self._robots[name] = RobotSource(self, name, namespace, self._state, clock)
+            self._errands[name] = Errands(namespace, config, partial(self._on_found, name))
+        self.subscribe(DiagnosticArray, "/diagnostics", self._on_diagnostics, QUEUE)
         self.create_timer(_LOOK_PERIOD, self._look_around, clock=self.steady_clock)
-        self._put_services()
+        self._put_recording()
         print(f"Page: {self.server.url}", flush=True)
-        self._opened = OpenedPage(self.server.url) if config.open_browser else None
+        self._opened = _open_page(self.server.url) if config.open_browser else None
 
     def _on_request(self, request: Request, reply: Reply) -> None:
-        """Hand a request on; called in the server's thread."""
+        """Pass a request to the robot or to the recorder; called in the server's thread."""
         if request.kind != "record":
             self._errands[request.robot].add(request, reply)
         elif self._recording is not None:
@@ -85,30 +86,31 @@ class WatchNode(DiffbotNode[WatchConfig]):
             reply("recording is off: start diffbot watch with --record FOLDER", 2)
 
     def _on_found(self, name: str, found: Found) -> None:
-        """Take what the graph of a robot has; called in the thread of its errands."""
-        if name == self._names[0]:
-            self._found_services = found.services
-            self._put_services()
-        if found.docking is not None:
-            self._robots[name].set_docking(found.docking)
+        """Store what was found in the graph of a robot; called in the thread of its errands."""
+        self._state.put(name, "services", found.services)
         if found.constants is not None:
-            self._state.put("", "constants", {**self._constants, **found.constants})
+            self._state.put(name, "constants", found.constants)
+        self._found[name] = found
 
-    def _put_services(self) -> None:
-        missing = {"isThere": False, "isOn": False}
+    def _apply_found(self) -> None:
+        """Pass what the threads of the errands have found to the models, which belong to the executor's thread."""
+        for name, found in list(self._found.items()):
+            model = self._robots[name].model
+            model.set_state(is_paused=found.services["pause"]["isOn"])
+            model.docking_config = found.docking or model.docking_config
+            if found.constants is not None:
+                model.tolerance = found.constants["xy_tolerance"]
+
+    def _put_recording(self) -> None:
         is_on = self._recording is not None and self._recording.is_on
-        record = {"isThere": self._recording is not None, "isOn": is_on}
-        self._state.put("", "services", {"pause": missing, "reset": missing, **self._found_services, "record": record})
+        self._state.put("", "record", {"isThere": self._recording is not None, "isOn": is_on})
 
-    def _on_diagnostics(self, data: bytes) -> None:
-        try:
-            statuses = read_statuses(data)
-        except CdrError as error:
-            raise BadMessageError("unreadable", str(error)) from None
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        statuses = statuses_of(message)
         for status in statuses:
             self._diagnoses[status.name] = time.monotonic(), status
         for robot in self._robots.values():
-            robot.on_diagnostics(statuses)
+            robot.model.add("diagnostics", message)
         self._put_diagnoses()
 
     def _put_diagnoses(self) -> None:
@@ -126,17 +128,17 @@ class WatchNode(DiffbotNode[WatchConfig]):
         self._state.put("", "diagnostics", shown)
 
     def _look_around(self) -> None:
+        self._apply_found()
         types = dict(self.get_topic_names_and_types())
         self._present = {f"{space.rstrip('/')}/{name}" for name, space in self.get_node_names_and_namespaces()}
         for robot in self._robots.values():
-            robot.look_for_types(types)
-            robot.look_for_silence()
+            robot.look_around(types)
         if self._diagnoses:
             self._put_diagnoses()
-        self._put_services()
+        self._put_recording()
 
     def health_level(self) -> tuple[int, str]:
-        """Return level and message for /diagnostics, which also stand on the page."""
+        """Return level and message for /diagnostics, which the page shows, too."""
         found = [super().health_level()]
         if self._recording is not None and self._recording.problem:
             found.append((DiagnosticStatus.ERROR[0], self._recording.problem))
@@ -147,7 +149,7 @@ class WatchNode(DiffbotNode[WatchConfig]):
     def before_shutdown(self) -> None:
         """Close the page, the errands and a recording."""
         if self._opened is not None:
-            self._opened.close()
+            self._opened.unlink(missing_ok=True)
         self.server.stop()
         for errands in self._errands.values():
             errands.stop()
@@ -155,6 +157,29 @@ class WatchNode(DiffbotNode[WatchConfig]):
             self._recording.close()
 
 
+def _open_page(url: str) -> Path | None:
+    """Open the page in a browser by a file that leads to it; return the file, None if the page was not opened.
+
+    Only this user can read the file, while everyone on the machine can read the command line of a browser.
+    """
+    if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        return None  # without a screen, a browser would start in the terminal
+    try:
+        number, name = tempfile.mkstemp(".html", "page_", runtime_folder())  # of mode 0600
+        with open(number, "w", encoding="utf-8") as file:
+            file.write(f'<!doctype html>\n<meta http-equiv="refresh" content="0; url={html.escape(url)}">\n')
+    except OSError as error:
+        print(f"The page is not opened: {error}", file=sys.stderr)
+        return None
+    path = Path(name)
+    threading.Thread(target=webbrowser.open, args=(path.as_uri(),), daemon=True).start()
+    return path
+
+
 def main(args: list[str] | None = None) -> int:
     """Run the node; return the exit status of the process."""
     return run(WatchNode, args)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

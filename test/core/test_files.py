@@ -1,4 +1,4 @@
-"""Files appear whole or not at all; folders are checked before the work."""
+"""Files appear whole or not at all, and nothing else is overwritten."""
 
 import json
 import math
@@ -8,7 +8,18 @@ from pathlib import Path
 import pytest
 
 from diffbot_core.errors import DiffbotError, InvalidValueError
-from diffbot_core.files import MCAP, check_output, file_path, output_folder, replacing, write_json, write_text
+from diffbot_core.files import (
+    MCAP,
+    cache_folder,
+    check_output,
+    file_path,
+    output_folder,
+    read_text,
+    replacing,
+    runtime_folder,
+    write_json,
+    write_text,
+)
 
 
 def names(folder):
@@ -105,7 +116,7 @@ def test_nothing_in_a_bag_is_replaced_whoever_asks(tmp_path):
         before = sorted(tmp_path.rglob("*")), (tmp_path / "lone.mcap").read_bytes()
         with pytest.raises(FileExistsError):
             write_text(path, "<report/>")
-        with pytest.raises(DiffbotError, match="cannot write"):
+        with pytest.raises(DiffbotError, match=r"cannot write|is not a report of diffbot"):
             check_output(path / "below" if path == bags[0] else path)
         assert (sorted(tmp_path.rglob("*")), (tmp_path / "lone.mcap").read_bytes()) == before
     for folder in bags:
@@ -123,11 +134,45 @@ def test_a_command_replaces_reports_alone(tmp_path):
     (tmp_path / "photo.png").write_bytes(b"\x89PNG of something else")
     (tmp_path / "link.xml").symlink_to(tmp_path / "r.xml")
     for path, inputs, words in (
-        (tmp_path / "notes.txt", [], "is no report"),
-        (tmp_path / "photo.png", [], "is no report"),
+        (tmp_path / "notes.txt", [], "already exists and is not a report of diffbot"),
+        (tmp_path / "photo.png", [], "already exists and is not a report of diffbot"),
         (tmp_path / "link.xml", [], "symbolic link"),
         (tmp_path / "r.json", [tmp_path / "r.json"], "the command reads it"),
         (Path("/dev/null"), [], "neither a file nor a folder"),
     ):
         with pytest.raises(DiffbotError, match=words):
             check_output(path, inputs)
+
+
+def test_a_text_is_read_from_a_regular_file_of_bounded_length(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_text("höhe")
+    assert read_text(path, 5) == "höhe"
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "bytes").write_bytes(b"\xff\xfe")
+    for name, words in (
+        ("a.txt", "is too large: must be <= 4 bytes"),
+        ("pipe", "not a regular file"),
+        (".", "not a regular file"),
+        ("bytes", "not a text file in UTF-8"),
+        ("missing", "No such file or directory"),
+        ("a\0b", "not a path"),
+    ):
+        with pytest.raises(DiffbotError, match=words):
+            read_text(tmp_path / name, 4)
+
+
+def test_folders_of_the_user_and_what_happens_without_them(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    runtime_folder.cache_clear()
+    assert (cache_folder(), runtime_folder()) == (tmp_path / "cache" / "diffbot", tmp_path / "diffbot")
+    assert runtime_folder().stat().st_mode & 0o777 == 0o700
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "file"))
+    runtime_folder.cache_clear()
+    with pytest.raises(DiffbotError, match="cannot make the folder"):
+        cache_folder()
+    assert runtime_folder().is_dir()
+    runtime_folder.cache_clear()

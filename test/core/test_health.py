@@ -21,20 +21,31 @@ def test_rates_are_over_the_time_since_the_last_report_and_ages_those_of_the_las
     health.sent["odom"] += 8
     drops = (("fix", "not finite"), ("fix", "not finite"), ("fix", "too old"), ("odom", "too old"))
     assert [health.drop(*one) for one in drops] == [True, False, True, True], "only the first is worth a line"
-    health.notes = {"steps": "7"}
     assert health.ages(13.0) == {"fix age [s]": "2.00", "odom age [s]": "0.50"}
     first = health.report(2.0)
     assert (first["odom received"], first["odom received [Hz]"], first["odom sent [Hz]"]) == ("2", "1.0", "4.0")
-    assert (first["fix dropped: not finite"], first["odom dropped: too old"], first["steps"]) == ("2", "1", "7")
+    assert (first["fix dropped: not finite"], first["odom dropped: too old"]) == ("2", "1")
     health.accepted["odom"] += 3
     second = health.report(0.5)
     assert (second["odom received"], second["odom received [Hz]"], second["odom sent [Hz]"]) == ("5", "6.0", "0.0")
-    health.notes = {}
     health.reset()
     assert (health.report(1.0), health.ages(14.0)) == ({}, {})
     health.sent["pose"] += 3
     assert health.report(2.0) == {"pose sent": "3", "pose sent [Hz]": "1.5"}
     assert health.drop("fix", "not finite"), "worth a line again"
+
+
+def test_a_drop_explains_a_silent_topic_until_a_message_is_accepted_or_two_seconds_are_over(monkeypatch):
+    health, now = Health(), [100.0]
+    monkeypatch.setattr(module.time, "monotonic", lambda: now[0])
+    health.accept("odom", 99.0)
+    assert health.newest_drop("odom", 100.0) == ""
+    health.drop("odom", "wrong frame_id", "wrong frame_id: 'a', not 'b'")
+    health.drop("fix", "too old")
+    found = [(health.newest_drop("odom", when), health.newest_drop("fix", when)) for when in (102.0, 102.1)]
+    assert found == [("wrong frame_id: 'a', not 'b'", "too old"), ("", "")]
+    health.accept("fix", 100.5)
+    assert health.newest_drop("fix", 101.0) == ""
 
 
 def test_a_key_passes_once_in_a_period():

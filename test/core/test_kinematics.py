@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from diffbot_core.data_sheet import UNLIMITED, DataSheet, rim_speed
+from diffbot_core.data_sheet import DataSheet, rim_speed
 from diffbot_core.kinematics import (
     WheelGeometry,
     WheelSpeeds,
@@ -50,7 +50,7 @@ def test_the_rims_of_the_default_robot_are_as_fast_as_itself():
     assert rim_speed(DataSheet()) == pytest.approx(DataSheet().v_max)
     assert rim_speed(DataSheet()) >= DataSheet().omega_max * 0.3
     assert rim_speed(DataSheet(wheel_max=10.0, wheels=WheelGeometry(0.1, 0.5))) == 1.0
-    assert rim_speed(UNLIMITED) == math.inf
+    assert rim_speed(DataSheet(wheel_max=math.inf)) == math.inf
 
 
 def test_a_resting_wheel_still_has_some_noise():

@@ -11,7 +11,7 @@ def program(tmp_path, monkeypatch, kept_signal_handlers):
     monkeypatch.syspath_prepend(str(tmp_path))
 
     def write(name, missing):
-        (tmp_path / f"{name}.py").write_text(f"def main(args):\n    import {missing}\n")
+        (tmp_path / f"{name}.py").write_text(f"def main():\n    import {missing}\n")
         return name
 
     return write

@@ -9,12 +9,10 @@ from typing import Annotated, NamedTuple, get_args
 import pytest
 
 import diffbot_core
-from diffbot_control.goals.configuration import SupervisorConfig
-from diffbot_control.law.controller import ControllerConfig
-from diffbot_control.law.lyapunov_law import Gains
+from diffbot_control.law.configuration import PaperConfig, PaperGains, SwitchingConfig
 from diffbot_core.data_sheet import DataSheet
-from diffbot_core.errors import DiffbotError, InvalidValueError, ReplacedNameError
-from diffbot_core.schema import Parameter, Spec, build, checked, parameters_of, replaced_by, to_dict
+from diffbot_core.errors import DiffbotError, InvalidValueError
+from diffbot_core.schema import Parameter, Spec, build, checked, parameters_of, to_dict
 
 
 class Inner(NamedTuple):
@@ -23,9 +21,7 @@ class Inner(NamedTuple):
 
 
 class Choice(NamedTuple):
-    colour: Annotated[
-        int, Spec("a word held as its index", choices=("red", "green", "blue"), replaces=("is_green", "hue"))
-    ] = 2
+    colour: Annotated[int, Spec("a word held as its index", choices=("red", "green", "blue"))] = 2
 
 
 class Nested(NamedTuple):
@@ -111,18 +107,17 @@ def test_defaults_are_built_from_nothing_and_come_back(name):
     values = to_dict(default)
     assert list(values) == names
     assert build(config_type, values) == default
-    assert not set(replaced_by(config_type)) & set(names), "no name in use is also a replaced one"
 
 
 @pytest.mark.parametrize(
     ("config", "values", "message"),
     [
-        (Gains, {"gamma": -1.5}, "gamma = -1.5: must be >= 1e-06 and <= 1000"),
-        (Gains, {"h": "big"}, "h = 'big': must be a number"),
-        (ControllerConfig, {"settling_steps": 2.0}, "settling_steps = 2.0: must be a whole number"),
-        (ControllerConfig, {"stateful": 1}, "stateful = 1: must be true or false"),
-        (ControllerConfig, {"eps_P": 0.8}, "eps_P_leave = 0.6: must be >= eps_P = 0.8"),
-        (Gains, {"gama": 1.0}, "gama = 1.0: must be a known name (gamma, h, k, k_2)"),
+        (PaperGains, {"gamma": -1.5}, "gamma = -1.5: must be >= 1e-06 and <= 1000"),
+        (PaperGains, {"h": "big"}, "h = 'big': must be a number"),
+        (SwitchingConfig, {"settling_steps": 2.0}, "settling_steps = 2.0: must be a whole number"),
+        (SwitchingConfig, {"allow_backward": 1}, "allow_backward = 1: must be true or false"),
+        (PaperConfig, {"eps_P": 0.8}, "eps_P_leave = 0.6: must be >= eps_P = 0.8"),
+        (PaperGains, {"gama": 1.0}, "gama = 1.0: must be a known name (gamma, h, k, k_2)"),
         # The field's own name is not known where a parameter name stands beside it.
         (DataSheet, {"a_max": 1.0}, "a_max = 1.0: must be a known name ("),
         (DataSheet, {"linear.x.max_velocity": 0.1, "min_velocity": 0.2}, "min_velocity = 0.2: must be "),
@@ -140,13 +135,12 @@ def test_messages_name_parameter_value_and_bound(config, values, message):
 
 
 def test_a_base_keeps_what_is_not_named():
-    base = build(SupervisorConfig, {"gamma": 1.0, "eps_P": 0.3, "hold_goal": False})
-    found = build(SupervisorConfig, {"k": 2, "eps_P_leave": 0.35}, base)
+    base = build(PaperConfig, {"gamma": 1.0, "eps_P": 0.3, "allow_backward": False})
+    found = build(PaperConfig, {"k": 2, "eps_P_leave": 0.35}, base)
     assert repr(build(Inner, {"words": ["a"], "numbers": [1, 2.5]}).numbers) == "(1.0, 2.5)"
-    assert found.controller.gains == Gains(gamma=1.0, k=2.0)
-    assert isinstance(found.controller.gains.k, float)
-    assert found.controller.region_policy.fixed == (0.3, 0.35)
-    assert found.hold_goal is False
+    assert found.gains == PaperGains(gamma=1.0, k=2.0)
+    assert isinstance(found.gains.k, float)
+    assert (found.eps_P, found.eps_P_leave, found.allow_backward) == (0.3, 0.35, False)
 
 
 def test_a_coded_choice_is_a_word_outside_and_its_index_inside():
@@ -159,17 +153,6 @@ def test_a_coded_choice_is_a_word_outside_and_its_index_inside():
     for value in (1, True, "RED"):
         with pytest.raises(InvalidValueError, match="colour = "):
             build(Nested, {"colour": value})
-
-
-@pytest.mark.parametrize(("name", "value"), [("is_green", True), ("hue", 0.3)])
-def test_a_replaced_name_is_refused_with_the_new_one(name, value):
-    with pytest.raises(ReplacedNameError) as caught:
-        build(Nested, {"colour": "red", name: value})
-    assert str(caught.value) == f"{name} = {value!r}: was replaced by colour (red or green or blue)"
-    assert caught.value.successor == "colour"
-    # Only where the new name is known: elsewhere it is an unknown name like any other.
-    with pytest.raises(InvalidValueError, match="must be a known name"):
-        build(Inner, {name: value})
 
 
 def test_numbers_that_yaml_reads_as_texts_are_floats_and_other_texts_are_none():

@@ -12,6 +12,17 @@ def test_only_a_later_stamp_advances_and_time_may_begin_anew():
     assert [watch.advances(stamp) for stamp in stamps] == [True, True, False, False, False, True, False, False, True]
 
 
+def test_a_clock_that_is_set_back_by_less_than_a_second_advances_from_the_third_message_on():
+    watch, period = StampWatch(), 50_000_000
+    for number in range(40):
+        assert watch.advances(number * period)
+    assert [watch.advances((number - 16) * period) for number in range(40, 45)] == [False, False, True, True, True]
+    # Two senders, one of them behind: only the other one advances.
+    two = StampWatch()
+    both = [stamp for number in range(20, 40) for stamp in (number * period, (number - 10) * period)]
+    assert [two.advances(stamp) for stamp in both] == [True, False] * 20
+
+
 def late(offset, arrivals):
     """Lateness of messages stamped (stamp [s], delay [s]) by a clock that is ``offset`` [s] ahead of the receiver's."""
     lateness = Lateness()

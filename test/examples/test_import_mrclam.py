@@ -62,7 +62,8 @@ def test_landmarks_are_ranges_along_the_line_of_sight_by_subject(topics):
         for point in landmark_points(message):
             expected = measured((time - START) * 1e-9, point.number)
             assert (point.range, point.bearing) == pytest.approx(expected, abs=1e-6)
-            assert (point.var_range, point.var_bearing) == (0.0, 0.0)
+            sigma = 0.03 + 0.025 * point.range
+            assert (point.var_range, point.var_bearing) == pytest.approx((sigma**2, 0.02**2), rel=1e-6)
             numbers.add(point.number)
             bearings.append(abs(point.bearing))
     assert numbers == set(LANDMARKS)

@@ -17,9 +17,9 @@ import view_bags
 from matplotlib import pyplot
 
 import diffbot
-from diffbot_control.law import ControllerMemory, step
-from diffbot_core.distribution import DISTRIBUTION
+from diffbot_control.law import CONTACT_UNKNOWN, Observation, new_memory, step
 from diffbot_core.geometry import Pose
+from diffbot_core.installed import DISTRIBUTION
 from diffbot_core.uncertainty import Estimate, Uncertainty
 
 HEAVY = {"matplotlib", "numba", "numpy", "pandas", "rclpy", "scipy", "yaml"}
@@ -58,7 +58,7 @@ def test_a_program_of_a_user_has_types(tmp_path):
     program = tmp_path / "user.py"
     program.write_text(
         "import diffbot\n"
-        "run: diffbot.Recording = diffbot.drive((1.0, 2.0, 0.0), robot=diffbot.robot('turtlebot4', gyro=False))\n"
+        "run: diffbot.Recording = diffbot.drive((1.0, 2.0, 0.0), robot=diffbot.robot('turtlebot4', use_gyro=False))\n"
         "print(run.position_error + 1.0, run.to_numpy().shape[0])\n"
         "run.plto()\n"
     )
@@ -114,15 +114,16 @@ def test_a_plot_shows_the_path_and_is_written_where_asked(run, tmp_path):
 
 
 def test_a_controller_answers_like_the_law_and_ends_like_the_node():
-    controller, memory = diffbot.Controller(xy_goal_tolerance=0.2), ControllerMemory()
+    controller, memory = diffbot.Controller(xy_goal_tolerance=0.2), new_memory()
     config = controller.config.controller
     assert config.tolerance.xy_goal_tolerance == 0.2
     goal, pose = Pose(1.0, 0.5, 0.3), Pose(0.0, 0.0, 0.0)
     controller.go_to(goal)
     for number in range(400):
         estimate = Estimate(pose, Uncertainty(0.01, 0.01))
-        memory, command, _ = step(memory, estimate, goal, 0.1 if number else 0.0, config)
-        assert controller.step(0.1 * number, tuple(pose), sigma=(0.01, 0.01)) == command
+        observation = Observation(estimate, 0.1 if number else 0.0, 0.1, CONTACT_UNKNOWN)
+        memory, command, _ = step(memory, observation, goal, config)
+        assert controller.step(0.1 * number, tuple(pose), sigma=(0.01, 0.01)) == pytest.approx(command, abs=1e-9)
         x, y, theta = pose
         pose = Pose(
             x + 0.1 * command.v * math.cos(theta), y + 0.1 * command.v * math.sin(theta), theta + 0.1 * command.omega
@@ -147,18 +148,33 @@ def test_a_filter_weighs_a_fix_against_its_odometry():
     assert ekf.sigma.xy == pytest.approx(0.1 / math.sqrt(2.0), rel=0.02)
 
 
+def run_back(controller):
+    for time in (0.0, 1.0, 0.9):
+        controller.step(time, (0.0, 0.0, 0.0))
+
+
 REFUSED = {
     "two numbers": (lambda: diffbot.drive((1.0, 2.0)), r"goal = \(1.0, 2.0\): must be x, y and heading"),
     "nan": (lambda: diffbot.drive((math.nan, 0.0, 0.0)), "goal = .*finite"),
     "robot": (lambda: diffbot.drive((1, 0, 0), robot="turtelbot4"), "did you mean turtlebot4"),
     "file": (lambda: diffbot.drive((1, 0, 0), robot="none.yaml"), "none.yaml"),
     "field": (
-        lambda: diffbot.robot("turtlebot4", max_velocty=1.0),
-        r"\(command_latency, .*\): did you mean max_velocity",
+        lambda: diffbot.robot("turtlebot4", linear_x_max_velocty=1.0),
+        r"did you mean linear_x_max_velocity",
     ),
-    "range": (lambda: diffbot.robot("turtlebot4", max_velocity=-1.0), "max_velocity = -1.0: must be >= 1e-06"),
+    "range": (
+        lambda: diffbot.robot("turtlebot4", linear_x_max_velocity=-1.0),
+        "linear.x.max_velocity = -1.0: must be >= 1e-06",
+    ),
     "parameter": (lambda: diffbot.Controller(max_velocity=1.0), "did you mean .*linear_x_max_velocity"),
     "filter": (lambda: diffbot.Filter(gate_probabilty=0.9), "did you mean gate_probability"),
+    "no robot": (lambda: diffbot.drive((1, 0, 0), robot=None), "robot = None: must be a parameter file, the name"),
+    "a number": (lambda: diffbot.Controller(3), "robot = 3: must be a parameter file"),
+    "seed": (lambda: diffbot.drive((1, 0, 0), seed="a"), "seed = 'a': must be a whole number"),
+    "degrees": (lambda: diffbot.drive((1, 0, 90)), r"goal = 90.0: .* write math.radians\(90\)"),
+    "sigma": (lambda: diffbot.Controller().step(0.0, (0, 0, 0), (-1.0, 0.0)), r"sigma = \(-1.0, 0.0\): must be two"),
+    "a fix without error": (lambda: diffbot.Filter().fix(0.0, (0, 0, 0), (0.0, 0.0)), "sigma = .*two finite numbers"),
+    "time running back": (lambda: run_back(diffbot.Controller()), "time = 0.9: must be > 1, the time before"),
     "bag": (lambda: diffbot.Bag("none"), "no bag none"),
 }
 
@@ -175,3 +191,14 @@ def test_a_bag_is_opened_by_a_text_or_a_path(tmp_path):
     folder = bag_makers.write_folder(tmp_path / "bag", view_bags.irregular(0.5))
     with diffbot.Bag(str(folder)) as one, diffbot.Bag(Path(folder)) as other:
         assert sum(1 for _ in one.messages()) == sum(1 for _ in other.messages()) > 0
+
+
+def test_without_ros_the_navigator_names_what_is_missing():
+    program = (
+        "import sys, diffbot\n"
+        "sys.modules['geometry_msgs'] = None\n"
+        "try: diffbot.Navigator\n"
+        "except diffbot.DiffbotError as error: print(error)"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("Navigator needs ROS 2 (no module ")

@@ -66,7 +66,7 @@ class Base:
         passed, self.fed = now - self.fed, now
         middle = theta + 0.5 * omega * passed
         self.pose = x + v * passed * math.cos(middle), y + v * passed * math.sin(middle), theta + omega * passed
-        self.odom.publish(odometry(self.frozen or now, v, omega))
+        self.odom.publish(odometry(self.frozen or now, v, omega, self.pose))
         self.number += 1
         if self.number % FIX_EVERY == 0:
             self.fixes.publish(fix(now, *(self.kept or self.lie(*self.pose))))

@@ -18,7 +18,7 @@ from rclpy.qos import QoSProfile
 from repeated import tried
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
-from diffbot_tools.view.bag_tables import LAW_COLUMNS
+from diffbot_tools.view.model import LAW_LABELS
 from diffbot_tools.watch.watch_node import MAX_NODES
 
 SHARE = 1000
@@ -96,7 +96,7 @@ def test_hostile_numbers_do_not_blind_the_page(shown, trials, seeded):
     # Deep: a short burst must not be lost.
     laws = shown.peer.publisher(Float64MultiArray, "controller/navigation", QoSProfile(depth=100))
     shown.peer.wait_for_subscribers(laws)
-    names = [name for name in LAW_COLUMNS if name != "stamp"]
+    names = [name for name in LAW_LABELS if name != "stamp"]
     for _ in trials:
         message = Float64MultiArray(data=[seeded.choice([*SPECIAL, 1e300]), *seeded.choices(SPECIAL, k=len(names))])
         message.layout.dim = [MultiArrayDimension(label=name) for name in ("stamp", *names)]

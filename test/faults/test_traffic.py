@@ -22,7 +22,13 @@ LOSS, REPEATED = 0.2, 0.05
 DELAY, JITTER = 0.2, 0.1
 """[s] each message is late by DELAY and up to JITTER more, which changes the order"""
 BEST_EFFORT = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
-LATE = {"command_latency": DELAY + JITTER / 2}
+LATE = {
+    "command_latency": DELAY + JITTER / 2,
+    "linear.x.max_velocity": 1.3,
+    "angular.z.max_velocity": 2.6,
+    "linear.x.max_acceleration": "inf",
+    "angular.z.max_acceleration": "inf",
+}
 GOAL_TIMEOUT = 120.0
 FLOOD_RATE = 1000.0
 MAX_RATIO = 1.5

@@ -9,7 +9,7 @@ import time
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Twist
 from lockstep_drive import take_what_is_under_way
-from robot import on_truth, planar, stamp
+from robot import on_truth, planar, pose_stamped, stamp
 from rosgraph_msgs.msg import Clock
 
 from diffbot_control.controller_node import ControllerNode
@@ -46,8 +46,8 @@ def test_wall_clock_stamps_each_step_with_the_time_of_day_and_a_pause_sends_noth
 
 
 def test_goals_and_poses_from_before_the_first_clock_count_as_of_that_clock(nodes):
-    node = nodes.add(ControllerNode, {"use_sim_time": True, "publish_when_idle": True})
-    node.goals.accept_goals([Pose(1.0, 2.0, 0.5)], False, "request")
+    node = nodes.add(ControllerNode, {"use_sim_time": True, "publish_when_idle": True, "goal_timeout": 10.0})
+    node.goals.accept(pose_stamped(1.0, 2.0, 0.5), "action", "1" * 32)
     assert node.supervisor.goals.present.request.time == 0.0
     last, place = 5000 * 10**9, Pose(-3.0, 2.0, 0.5)
     node.take_pose(last - 10**8, place, CERTAIN)
@@ -57,9 +57,9 @@ def test_goals_and_poses_from_before_the_first_clock_count_as_of_that_clock(node
     nodes.peer.wait_for_publishers("cmd_vel")
     nodes.peer.wait_for_subscribers(clocks)
     clocks.publish(Clock(clock=Time(sec=5000)))
-    nodes.peer.spin_until(lambda: node.supervisor.goals.present.request.time == 5000.0, what="the time of the goal")
-    # Sent again, as in lock-step after a second: it is answered as before, and not with zero.
-    node.take_pose(last, place, CERTAIN)
+    nodes.peer.spin_until(lambda: node.now() == 5000.0, what="the clock")
+    node.take_pose(last + 10**8, place, CERTAIN)
     nodes.peer.spin_until(lambda: commands, what="the answer")
     assert commands[0].linear.x > 0.0
     assert node.supervisor.status == DRIVING
+    assert node.supervisor.elapsed <= 1.0

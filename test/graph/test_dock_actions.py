@@ -8,6 +8,7 @@ import pytest
 import rclpy
 from action_msgs.msg import GoalStatus
 from graph import PATIENCE, peer, private_domain
+from rclpy.action import get_action_server_names_and_types_by_node
 from rclpy.duration import Duration
 from robot import pose_stamped
 from sensor_msgs.msg import BatteryState
@@ -29,6 +30,14 @@ def scene(nav2_folder):
         stack.callback(rclpy.try_shutdown)
         running = stack.enter_context(docks.Scene(seed=5, contact_topic="contact_of_plant"))
         running.peer = stack.enter_context(peer())
+        running.touches = None
+        switch = running.peer.publisher(Bool, "dock_contact")
+        running.peer.wait_for_subscribers(switch)
+
+        def relay(message):
+            switch.publish(message if running.touches is None else Bool(data=running.touches))
+
+        running.peer.node.create_subscription(Bool, "contact_of_plant", relay, 10)
         yield running
 
 
@@ -46,11 +55,9 @@ def stage(scene, x):
 
 def test_a_robot_that_touches_something_before_its_dock_gives_up_after_its_tries(staged, action_peer):
     dock = action_peer(staged.peer, "dock_robot")
-    contact = staged.peer.node.create_publisher(Bool, "dock_contact", 1)
-    staged.peer.wait_for_subscribers(contact)
-    contact.publish(Bool(data=True))
+    staged.touches = True
     status, result = dock.result(dock.send(**SEEN))
-    contact.publish(Bool(data=False))
+    staged.touches = None
     assert (status, result.success, result.error_code) == (GoalStatus.STATUS_ABORTED, False, 905)
     assert result.error_msg.startswith("not reached: 3 approaches broken off")
     assert result.num_retries == 3
@@ -58,19 +65,14 @@ def test_a_robot_that_touches_something_before_its_dock_gives_up_after_its_tries
 
 def test_a_docked_robot_whose_battery_is_full_does_not_leave_its_dock_to_dock_again(staged, action_peer):
     dock = action_peer(staged.peer, "dock_robot")
-    switch, battery = staged.peer.publisher(Bool, "dock_contact"), staged.peer.publisher(BatteryState, "battery_state")
-    staged.peer.wait_for_subscribers(switch, battery)
+    battery = staged.peer.publisher(BatteryState, "battery_state")
+    staged.peer.wait_for_subscribers(battery)
     assert dock.result(dock.send(**SEEN))[0] == GoalStatus.STATUS_SUCCEEDED
-    for publisher, message in (
-        (switch, Bool(data=True)),
-        (battery, BatteryState(power_supply_status=BatteryState.POWER_SUPPLY_STATUS_FULL)),
-    ):
-        publisher.publish(message)
-        assert publisher.wait_for_all_acked(Duration(seconds=PATIENCE))
+    battery.publish(BatteryState(power_supply_status=BatteryState.POWER_SUPPLY_STATUS_FULL))
+    assert battery.wait_for_all_acked(Duration(seconds=PATIENCE))
     places = []
     answer = dock.result(dock.send(lambda _: places.append(staged.detector.truth.x), **SEEN))
     places.append(staged.detector.truth.x)
-    switch.publish(Bool(data=False))
     battery.publish(BatteryState(power_supply_status=BatteryState.POWER_SUPPLY_STATUS_DISCHARGING))
     assert answer[0] == GoalStatus.STATUS_SUCCEEDED
     assert min(places) > -0.05
@@ -131,3 +133,11 @@ def test_a_docking_is_cancelled_and_another_replaced(scene, action_peer):
 def test_a_goal_that_cannot_be_served_is_rejected_with_a_reason(scene, action_peer, name, fields, reason):
     assert not action_peer(scene.peer, name).send(**fields).accepted
     assert f"{name}: goal rejected: {reason}" in scene.processes["docking"].output
+
+
+def test_a_node_that_docks_serves_no_other_action(scene, action_peer):
+    action_peer(scene.peer, "dock_robot")
+    found = get_action_server_names_and_types_by_node(scene.peer.node, "dock_controller", "/")
+    assert {name for name, _ in found} == {"/dock_robot", "/undock_robot"}
+    in_map = get_action_server_names_and_types_by_node(scene.peer.node, "controller", "/")
+    assert {name for name, _ in in_map} == {"/navigate_to_pose", "/navigate_through_poses", "/follow_path"}

@@ -1,5 +1,7 @@
 """Contact with the dock as the controller receives it: a switch that reports changes only, and a battery."""
 
+from itertools import product
+
 import one_process
 import pytest
 from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
@@ -8,6 +10,7 @@ from sensor_msgs.msg import BatteryState
 from std_msgs.msg import Bool
 
 from diffbot_control.controller_node import ControllerNode
+from diffbot_control.law import CONTACT, CONTACT_UNKNOWN, NO_CONTACT
 from diffbot_control.law.docking import DOCKED
 from diffbot_control.ros.messages.fields import set_stamp
 
@@ -33,25 +36,28 @@ def report(docking, source):
         docking.send("battery_state", BatteryState(power_supply_status=source))
 
 
-@pytest.mark.parametrize(
-    ("sources", "touches"),
-    [
-        ((CHARGING,), True),
-        ((FULL,), True),
-        ((CHARGING, DISCHARGING), False),
-        ((FULL, NOT_CHARGING), False),
-        ((CHARGING, UNKNOWN), True),
-        ((UNKNOWN,), False),
-        *(((CLOSED, state), True) for state in (CHARGING, FULL, DISCHARGING, NOT_CHARGING, UNKNOWN)),
-        ((DISCHARGING, CLOSED), True),
-        ((FULL, CLOSED, OPEN), True),
-        ((CLOSED, DISCHARGING, OPEN), False),
-    ],
-)
-def test_either_source_reports_contact_to_the_law(docking, sources, touches):
+def test_contact_is_a_closed_switch_or_a_charger_and_unknown_without_a_switch(docking):
+    """Every order of four reports."""
+    node = docking.node
+    for reports in product((OPEN, CLOSED, CHARGING, FULL, DISCHARGING, NOT_CHARGING, UNKNOWN), repeat=4):
+        node._switch, node._has_power = None, False
+        for number, one in enumerate(reports, start=1):
+            if isinstance(one, bool):
+                node._on_switch(Bool(data=one))
+            else:
+                node._on_battery(BatteryState(power_supply_status=one))
+            switch = [one for one in reports[:number] if isinstance(one, bool)][-1:]
+            battery = [one for one in reports[:number] if not isinstance(one, bool) and one != UNKNOWN][-1:]
+            touches = switch == [CLOSED] or battery in ([CHARGING], [FULL])
+            wanted = CONTACT if touches else NO_CONTACT if switch else CONTACT_UNKNOWN
+            assert node.supervisor.contact == wanted, reports[:number]
+
+
+@pytest.mark.parametrize("sources", [(CHARGING,), (CLOSED,), (CLOSED, DISCHARGING)])
+def test_the_reports_are_received_by_topic(docking, sources):
     for source in sources:
         report(docking, source)
-    assert docking.node.supervisor.memory.contact is touches
+    assert docking.node.supervisor.contact == CONTACT
 
 
 def test_a_docked_robot_stays_docked_whatever_its_battery_reports_and_after_a_new_activation(docking):
@@ -67,7 +73,7 @@ def test_a_docked_robot_stays_docked_whatever_its_battery_reports_and_after_a_ne
         pose.pose.pose.orientation.w = 1.0
         set_stamp(pose.header.stamp, number * 10**9)
         docking.send("pose", pose)
-        assert docking.node.supervisor.memory.phase == DOCKED
+        assert docking.node.supervisor.memory.stage.phase == DOCKED
         assert docking.node.supervisor.goals_reached == 1
     docking.peer.spin_until(lambda: commands, what="commands")
     assert {twist(one) for one in commands} == {(0.0, 0.0)}

@@ -11,8 +11,8 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from repeated import tried
 from robot import LATCHED, pose_stamped
 
-from diffbot_control.goals.goal_record import RESTART_TIMEOUT
-from diffbot_control.ros.goals.client import LOST, GoalClient, Task
+from diffbot_control.goals.record import RESTART_TIMEOUT
+from diffbot_control.ros.goals.client import LOST, GoalClient, GoalTask
 from diffbot_control.ros.navigator import TaskResult
 from diffbot_core.geometry import Pose, out_of_frame
 
@@ -83,8 +83,10 @@ def test_a_docking_waits_as_long_for_its_controller_as_the_navigator_was_told(sc
     assert scene.wait() == "reached"
     assert navigator.dock()
     docking = navigator._docking
-    impatient = GoalClient("impatient", controller="dock_controller", restart_timeout=2.0 * RESTART_TIMEOUT)
-    impatient.task = Task(docking.task.id)
+    impatient = GoalClient(
+        "impatient", controller="dock_controller", prefix="dock/", restart_timeout=2.0 * RESTART_TIMEOUT
+    )
+    impatient.task = GoalTask(docking.task.id)
     held_up = scene.processes["docking"].popen
     held_up.send_signal(signal.SIGSTOP)
     try:

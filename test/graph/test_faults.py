@@ -15,8 +15,8 @@ from rosgraph_msgs.msg import Clock
 
 from diffbot_control.controller_node import ControllerNode
 from diffbot_control.goals.supervisor import Supervisor
-from diffbot_core.ros import node as node_module
-from diffbot_core.ros.node import make_executor
+from diffbot_core.ros import run as run_module
+from diffbot_core.ros.run import make_executor
 
 NOT_A_TYPE = 10
 NAMES = ("controller", "plant")
@@ -24,8 +24,7 @@ NAMES = ("controller", "plant")
 
 def test_malformed_calls_and_times_are_refused_counted_and_harmless():
     command = ("run", "controller", "--with", "plant", "--ros-args", "-p", "use_sim_time:=true")
-    plant = ("-p", "plant:clock:=scaled", "-p", "plant:publish_clock:=false")
-    with graph.peer() as peer, graph.diffbot(*command, *plant) as process:
+    with graph.peer() as peer, graph.diffbot(*command) as process:
         process.wait_for_output("[plant]: ready")
         found = peer.subscribe(DiagnosticArray, "/diagnostics", 100)
         bad = Parameter(name="wheel_radius", value=ParameterValue(type=NOT_A_TYPE))
@@ -139,14 +138,14 @@ def test_error_of_the_executor_itself_leaves_the_node_running(nodes, monkeypatch
         made.append(spun)
         return Failing() if len(made) == 1 else real(spun)
 
-    real = node_module._executor_of
-    monkeypatch.setattr(node_module, "_executor_of", executor_of)
+    real = run_module._executor_of
+    monkeypatch.setattr(run_module, "_executor_of", executor_of)
     node = ControllerNode(context=nodes.peer.context)
     node.create_timer(0.01, lambda: node.finish(0), clock=node.steady_clock)
     try:
         with monkeypatch.context() as patch:
-            patch.setattr(node_module, "make_executor", lambda: make_executor(nodes.peer.context))
-            node_module._spin([node], SimpleNamespace(is_set=False))
+            patch.setattr(run_module, "make_executor", lambda: make_executor(nodes.peer.context))
+            run_module._spin([node], SimpleNamespace(is_set=False))
         assert made == [[node], "shut down", [node]]
         assert node.exit_code == 0
     finally:

@@ -1,7 +1,8 @@
-"""Goals with answers: the command, the Navigator and the bare services, with a robot in another process."""
+"""Goals with answers: the command, the Navigator and the bare topics, with a robot in another process."""
 
 import re
 import signal
+import time
 
 import graph
 import pytest
@@ -9,12 +10,10 @@ from action_msgs.msg import GoalStatus, GoalStatusArray
 from action_msgs.srv import CancelGoal
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
-from rcl_interfaces.srv import SetParametersAtomically
-from robot import LATCHED, SIMULATED, distance, initialpose, planar, pose_stamped, robot, twist
+from nav_msgs.msg import Path
+from robot import LATCHED, SIMULATED, distance, initialpose, planar, pose_stamped, robot, stamped_goal, twist
 
-from diffbot_control.ros.goals.request import goal_request, new_goal_id
 from diffbot_control.ros.navigator import Navigator, TaskResult
-from diffbot_core.geometry import Pose
 from diffbot_tools import cli
 
 NEAR, BESIDE, FAR = (-3.0, -4.5, 0.5), (-1.0, -4.0, 0.0), (600.0, -600.0, 0.0)
@@ -28,6 +27,9 @@ UNKNOWN = "frame_of_nobody"
 @pytest.fixture(scope="module")
 def driven():
     with robot(PLANT, SIMULATED, SIMULATED, only=("robot", "plant"), joined=True) as one:
+        one.goal_states = one.peer.subscribe(GoalStatusArray, "controller/goal_status", LATCHED)
+        one.goal_results = one.peer.subscribe(DiagnosticArray, "controller/goal_results", LATCHED)
+        one.paths = one.peer.publisher(Path, "path")
         one.peer.spin_until(lambda: one.truths and one.poses, what="the first poses")
         yield one
 
@@ -51,12 +53,6 @@ def goal_of(driven):
     return graph.values(driven.controller_states[-1]).get("goal", "") if driven.controller_states else ""
 
 
-def send(driven, goal_id, *poses):
-    """Call the service ~/send_goal and return its result."""
-    request = goal_request(goal_id, [Pose(*pose) for pose in poses], "map")
-    return driven.peer.call(SetParametersAtomically, "controller/send_goal", request).result
-
-
 def cancel_goal(driven, goal_id="0" * 32, sec=0):
     request = CancelGoal.Request()
     request.goal_info.goal_id.uuid = list(bytes.fromhex(goal_id))
@@ -78,7 +74,7 @@ def test_a_command_that_is_interrupted_cancels_its_goal(driven):
         (("--no-wait",), 0, "goal [0-9a-f]{32} accepted\n"),
         (("--timeout", "10"), 8, "not reached within --timeout 10 s: goal cancelled\n"),
         (("--frame", UNKNOWN), 1, f"diffbot: goal refused: .*{UNKNOWN}.*\n"),
-        (("--controller", "pilot", "--timeout", "1"), 1, "diffbot: no answer from /pilot/send_goal: does .*\n"),
+        (("--controller", "pilot", "--timeout", "1"), 1, "diffbot: no answer on /pilot/goal_status: does .*\n"),
     ],
 )
 def test_the_command_reports_the_end_in_one_line(driven, arguments, status, text, kept_signal_handlers, capfd):
@@ -113,6 +109,44 @@ def test_the_navigator_reaches_goals_with_feedback(driven, navigator):
     assert seen >= {2, 1}
 
 
+def test_the_navigator_reaches_one_waypoint_after_the_other_and_a_path(driven, navigator):
+    waypoints = [pose_stamped(*BESIDE), pose_stamped(BESIDE[0], BESIDE[1], 2.0), pose_stamped(*NEAR)]
+    assert navigator.followWaypoints(waypoints)
+    seen = []
+    while not navigator.isTaskComplete(task="newest"):
+        if (feedback := navigator.getFeedback(task="newest")) is not None:
+            seen.append(feedback.current_waypoint)
+    assert navigator.getResult(task="newest") == TaskResult.SUCCEEDED
+    assert seen == sorted(seen)
+    assert {0, 2} <= set(seen)
+    assert distance(driven.true_pose(), NEAR) < 0.15
+    poses = [pose_stamped(NEAR[0], NEAR[1] + 0.2 * i, 0.0, frame="") for i in range(6)]
+    assert navigator.followPath(Path(header=pose_stamped(0, 0, 0).header, poses=poses))
+    while not navigator.isTaskComplete():
+        pass
+    assert navigator.getResult() == TaskResult.SUCCEEDED
+    assert distance(driven.true_pose(), (NEAR[0], NEAR[1] + 1.0)) < 0.15
+    assert not navigator.followWaypoints([])
+    assert not navigator.followPath(Path())
+
+
+def test_waypoints_end_with_a_cancellation_or_another_goal(driven, navigator):
+    assert navigator.followWaypoints([pose_stamped(*FAR), pose_stamped(*NEAR)])
+    assert navigator.cancelTask()
+    assert navigator.isTaskComplete()
+    assert navigator.getResult() == TaskResult.CANCELED
+    assert navigator.followWaypoints([pose_stamped(*FAR), pose_stamped(*NEAR)])
+    assert navigator.goToPose(pose_stamped(*planar_now(driven)))
+    while not navigator.isTaskComplete():
+        pass
+    assert navigator.getResult() == TaskResult.SUCCEEDED
+
+
+def planar_now(driven):
+    driven.catch_up()
+    return planar(driven.poses[-1].pose.pose)
+
+
 def test_the_navigator_cancels_is_refused_and_sets_the_initial_pose(driven, navigator):
     assert navigator.goToPose(pose_stamped(*FAR))
     assert not navigator.isTaskComplete()
@@ -130,45 +164,110 @@ def test_the_navigator_cancels_is_refused_and_sets_the_initial_pose(driven, navi
     assert navigator.setInitialPose(pose_stamped(*here), sigma_xy=0.01, timeout=graph.PATIENCE)
 
 
-def test_a_request_that_is_repeated_is_the_same_goal_and_a_bad_one_changes_nothing(driven):
-    goal_id, unknown = new_goal_id(), new_goal_id()
-    assert send(driven, goal_id, FAR).reason == "driving"
-    assert send(driven, goal_id, FAR).reason == "driving"
-    bad = send(driven, new_goal_id(), (float("nan"), 0.0, 0.0))
-    assert (bad.successful, bad.reason) == (False, "x = nan: must be a finite number [m]")
-    assert send(driven, goal_id).reason == "driving", "a question"
-    assert send(driven, new_goal_id(), NEAR).successful
-    again = send(driven, goal_id, FAR)
-    assert (again.successful, again.reason) == (True, "replaced: by a newer goal (request)")
-    assert "-3 -4.5 0.5" in goal_of(driven), "the newer goal is kept"
-    answer = send(driven, unknown)
-    assert (answer.successful, answer.reason) == (False, f"goal {unknown} is unknown")
+def states(driven):
+    """Status of each goal by its id, as the newest goal_status has it."""
+    driven.catch_up()
+    newest = driven.goal_states[-1].status_list if driven.goal_states else []
+    return {bytes(one.goal_info.goal_id.uuid).hex(): one.status for one in newest}
+
+
+def results(driven):
+    """End and reason of each goal by its id, as the newest goal_results has them."""
+    newest = driven.goal_results[-1].status if driven.goal_results else []
+    return {one.name: (one.message, graph.values(one)["reason"]) for one in newest}
+
+
+def send(driven, *poses, **options):
+    """Send a goal until it is in goal_status or goal_results; return its id."""
+    goal_id, message = stamped_goal(*poses, **options)
+    publisher = driven.goals if len(poses) == 1 else driven.paths
+    driven.peer.wait_for_subscribers(publisher)
+    publisher.publish(message)
+    driven.peer.spin_until(lambda: goal_id in states(driven) or goal_id in results(driven), what="the goal")
+    return goal_id
+
+
+def test_a_message_that_is_repeated_is_the_same_goal_also_after_its_end(driven):
+    at = time.time_ns()
+    goal_id = send(driven, FAR, at=at)
+    driven.goals.publish(stamped_goal(FAR, at=at)[1])
+    newer = send(driven, NEAR)
+    assert results(driven)[goal_id] == ("replaced", "by a newer goal (goal_pose)")
+    driven.goals.publish(stamped_goal(FAR, at=at)[1])
+    driven.peer.spin_until(lambda: results(driven).get(newer), what="the end of the newer goal")
+    assert results(driven)[newer] == ("reached", ""), "the older one was not driven again"
+    assert states(driven)[goal_id] == GoalStatus.STATUS_ABORTED
+    assert int(driven.diagnosis("controller")["goals that are known already"]) >= 2
+    # Without a stamp, each message is a goal of its own.
+    before = set(states(driven))
+    driven.send_goal(*FAR)
+    driven.send_goal(*FAR)
+    driven.peer.spin_until(lambda: len(set(states(driven)) - before) == 2, what="two goals")
+
+
+@pytest.mark.parametrize(
+    ("poses", "frame", "reason"),
+    [
+        ([(float("nan"), 0.0, 0.0)], "map", "position not finite: nan"),
+        ([FAR], "", "wrong frame_id: '', not 'map'"),
+        ([NEAR, (1e300, 0.0, 0.0)], "map", "position out of range: 1e+300"),
+        ([NEAR] * 2001, "map", "path too long: 2001 poses, at most 2000"),
+    ],
+)
+def test_a_goal_that_cannot_be_used_is_refused_with_the_reason_and_changes_nothing(driven, poses, frame, reason):
+    present = send(driven, FAR)
+    refused = send(driven, *poses, frame=frame)
+    assert results(driven)[refused] == ("refused", reason)
+    assert refused not in states(driven)
+    assert states(driven)[present] == GoalStatus.STATUS_EXECUTING
+    assert "600 -600 0" in goal_of(driven)
 
 
 def test_cancel_goal_follows_action_msgs(driven):
-    goal_id, other = new_goal_id(), new_goal_id()
-    send(driven, goal_id, FAR)
+    goal_id = send(driven, FAR)
     response = CancelGoal.Response
-    assert cancel_goal(driven, other).return_code == response.ERROR_UNKNOWN_GOAL_ID
+    assert cancel_goal(driven, "1" * 32).return_code == response.ERROR_UNKNOWN_GOAL_ID
     assert cancel_goal(driven, sec=1).return_code == response.ERROR_REJECTED, "no goal is that old"
-    assert send(driven, goal_id).reason == "driving"
+    assert states(driven)[goal_id] == GoalStatus.STATUS_EXECUTING
     answer = cancel_goal(driven, goal_id)
     assert answer.return_code == response.ERROR_NONE
     assert [bytes(info.goal_id.uuid).hex() for info in answer.goals_canceling] == [goal_id]
-    assert send(driven, goal_id).reason == "cancelled"
+    driven.peer.spin_until(lambda: results(driven).get(goal_id) == ("cancelled", ""), what="the end")
     assert cancel_goal(driven, goal_id).return_code == response.ERROR_GOAL_TERMINATED
-    send(driven, other, FAR)
+    send(driven, FAR)
     assert len(cancel_goal(driven).goals_canceling) == 1, "all"
+    driven.peer.spin_until(lambda: not goal_of(driven), what="rest")
     assert cancel_goal(driven).return_code == response.ERROR_REJECTED
-    send(driven, new_goal_id(), FAR)
+    send(driven, FAR)
     assert len(cancel_goal(driven, sec=2**31 - 1).goals_canceling) == 1, "all until then"
     driven.peer.spin_until(lambda: driven.commands and twist(driven.commands[-1]) == (0.0, 0.0), what="rest")
 
 
+def test_of_a_flood_each_goal_is_answered_and_the_newest_is_driven_to(driven):
+    sent = [stamped_goal((50.0 + number, 0.0, 0.0)) for number in range(30)]
+    driven.peer.wait_for_subscribers(driven.goals)
+    ended, burst = {}, 8  # fewer than the queues of the topic hold
+
+    def known(goal_id):
+        driven.catch_up()
+        for message in driven.goal_results:
+            ended.update({one.name: one.message for one in message.status})
+        return goal_id in ended or goal_id in states(driven)
+
+    for first in range(0, len(sent), burst):
+        for _, message in sent[first : first + burst]:
+            driven.goals.publish(message)
+        driven.peer.spin_until(lambda last=sent[first : first + burst][-1][0]: known(last), what="the newest goal")
+    driven.peer.spin_until(
+        lambda: known(sent[-1][0]) and all(goal_id in ended for goal_id, _ in sent[:-1]), what="the answers"
+    )
+    assert {ended[goal_id] for goal_id, _ in sent[:-1]} == {"replaced"}
+    assert states(driven)[sent[-1][0]] == GoalStatus.STATUS_EXECUTING
+
+
 def test_a_late_subscriber_receives_states_and_ends(driven):
-    goal_id = new_goal_id()
-    send(driven, goal_id, FAR)
-    send(driven, new_goal_id(), FAR)  # not reached before the late one is there
+    goal_id = send(driven, FAR)
+    send(driven, FAR)  # not reached before the late one is there
     with graph.peer("late") as late:
         states = late.subscribe(GoalStatusArray, "controller/goal_status", LATCHED)
         results = late.subscribe(DiagnosticArray, "controller/goal_results", LATCHED)
@@ -178,4 +277,4 @@ def test_a_late_subscriber_receives_states_and_ends(driven):
         assert states[-1].status_list[-1].status == GoalStatus.STATUS_EXECUTING
         ends = {one.name: one for one in results[-1].status}
         assert ends[goal_id].message == "replaced"
-        assert graph.values(ends[goal_id])["reason"] == "by a newer goal (request)"
+        assert graph.values(ends[goal_id])["reason"] == "by a newer goal (goal_pose)"

@@ -15,7 +15,7 @@ from diffbot_core.geometry import Pose, out_of_frame
 MAP = {"landmark_ids": [1, 2, 3], "landmark_x": [5.0, 5.0, -5.0], "landmark_y": [5.0, -5.0, 0.0]}
 BEGIN = Pose(-2.0, -1.0, 0.3)
 PLANT = {"initial_pose.x": BEGIN.x, "initial_pose.y": BEGIN.y, "initial_pose.yaw": BEGIN.theta, "fix_rate": 0.0}
-PLANT |= {"slip_left": 0.6, "slip_start": 2.0, "slip_duration": 3.0, "gyro_rate": 10.0, "gyro_bias": 0.03}
+PLANT |= {"slip_right": 0.6, "slip_start": 2.0, "slip_duration": 3.0, "gyro_rate": 10.0, "gyro_bias": 0.03}
 PLANT |= {"landmark_rate": 10.0}
 STEPS = 200
 """20 s"""
@@ -60,6 +60,7 @@ def test_a_silent_gyro_and_one_that_contradicts_the_wheels_are_reported(nodes):
             if rate is not None:
                 fed.send("imu", imu(START + 0.1 * step, rate))
             fed.send("odom", odometry(START + 0.1 * step, omega=0.1))
+        fed.node._check_and_report()  # its timer may not have expired since the last message
         return fed.node.health_level()
 
     fed.send("global_pose", fix())
@@ -70,4 +71,4 @@ def test_a_silent_gyro_and_one_that_contradicts_the_wheels_are_reported(nodes):
     level, text = drive(30, 70, 2.0)
     assert level == 1
     assert "wheels and gyro contradict each other" in text
-    assert drive(70, 75, 0.1)[0] == 0
+    assert drive(70, 110, 0.1)[0] == 0

@@ -1,6 +1,7 @@
 """Managed nodes: the requests of Nav2's lifecycle manager, and what the robot does meanwhile."""
 
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 import graph
@@ -16,8 +17,9 @@ from robot import DEEP, pose_stamped, twist
 from diffbot_control.controller_node import ControllerNode
 from diffbot_control.ekf_node import EkfNode
 from diffbot_control.robot_node import RobotControllerNode
+from diffbot_control.ros.navigator import Navigator
 from diffbot_core.errors import DiffbotError
-from diffbot_core.ros.lifecycle_parameters import LifecycleConfig
+from diffbot_core.parameter_groups import LifecycleConfig
 from diffbot_core.ros.managed_node import ManagedNode
 
 # Transition and the state in which Nav2's manager then has to find the node, as its startup, pause, resume, reset and
@@ -125,6 +127,24 @@ def test_an_inactive_controller_stops_the_robot_refuses_what_its_state_lacks_and
     manager.wait_for_stop()
 
 
+def test_the_navigator_starts_both_nodes_and_shuts_them_down(nodes):
+    manager, navigator = Manager(nodes), Navigator.in_own_context()
+    with ThreadPoolExecutor(1) as pool:
+        for call, state in (
+            (navigator.lifecycleStartup, State.PRIMARY_STATE_ACTIVE),
+            (navigator.lifecycleStartup, State.PRIMARY_STATE_ACTIVE),
+            (navigator.lifecycleShutdown, State.PRIMARY_STATE_FINALIZED),
+        ):
+            answer = pool.submit(call)
+            nodes.peer.spin_until(answer.done, what=call.__name__)
+            assert answer.result()
+            assert [manager.state(name) for name in NODES] == [state, state]
+        answer = pool.submit(navigator.lifecycleStartup)
+        nodes.peer.spin_until(answer.done, what="the answer")
+        assert not answer.result(), "for good"
+    navigator.close()
+
+
 def test_a_node_that_cannot_be_configured_stays_unconfigured_and_reports_why(nodes, capfd):
     manager = Manager(nodes, {"map_frame": "world"})
     manager.change("ekf", *CONFIGURE)
@@ -177,9 +197,9 @@ class Failing(ManagedNode):
 UNFORESEEN, REFUSED = ValueError("broken sensor"), DiffbotError("no sensor")
 AT_ONCE = """
 from diffbot_core.errors import DiffbotError
-from diffbot_core.ros.lifecycle_parameters import LifecycleConfig
+from diffbot_core.parameter_groups import LifecycleConfig
 from diffbot_core.ros.managed_node import ManagedNode
-from diffbot_core.ros.node import run
+from diffbot_core.ros.run import run
 
 class Failing(ManagedNode):
     def __init__(self):

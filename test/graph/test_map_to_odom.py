@@ -10,7 +10,8 @@ from robot import pose_stamped
 
 from diffbot_control import ekf_node
 from diffbot_control.ekf_node import EkfNode
-from diffbot_control.filter.belief import ErrorEstimate
+from diffbot_control.filter.models import WHEELS
+from diffbot_control.filter.state import set_errors
 from diffbot_control.ros import tf
 from diffbot_control.ros.messages import conversions as messages
 from diffbot_control.ros.tf import TransformSender
@@ -102,7 +103,8 @@ def test_of_joint_states_the_estimate_is_moved_by_the_corrected_twist(ekf):
     node, _, sent = ekf({"odometry_source": "joint_states", "wheels_as_configured": 0.0})
     node._on_sensor("global_pose", fix(START, 1.0, 2.0, 0.0))
     # Both wheels are known to be 2 % too large.
-    node.localization.filter.set_wheels(ErrorEstimate(np.array([0.02, 0.02, 0.0]), np.diag([1e-8] * 3)))
+    of_wheels = WHEELS, np.array([0.02, 0.02, 0.0]), np.diag([1e-8] * 3)
+    set_errors(node.localization.filter, node.localization.options, *of_wheels)
     node._on_joint_states(joint_state(START, 10.0, 10.0))
     node._on_odometry_pose(in_odom(START + 0.5, 5.0, 6.0, 0.1))
     ((_, estimate, _),) = sent

@@ -1,18 +1,28 @@
 """Nav2's actions, with the real interface and rclpy's ActionClient: results, feedback, preemption, cancelling."""
 
 import itertools
+import sys
 import time
 
 import graph
+import late_refusal
 import pytest
-from action_msgs.msg import GoalStatus
+from action_msgs.msg import GoalStatus, GoalStatusArray
+from nav_msgs.msg import Path
 from robot import SIMULATED, distance, on_truth, pose_stamped, robot, twist
 
 A_MAX = 0.5
 LAST, BESIDE, FAR = (4.0, 4.5, 0.5), (-2.5, 4.0, 0.0), (60.0, -60.0, 0.0)
 PLANT = {"clock": "scaled", "real_time_factor": 5.0, "seed": 3}
 # Held up for longer than pose_timeout, it would stop the robot at once.
-CONTROLLER = {"linear.x.max_acceleration": A_MAX, "angular.z.max_acceleration": 1.0, "pose_timeout": 60.0, **SIMULATED}
+CONTROLLER = {
+    "linear.x.max_velocity": 1.3,
+    "angular.z.max_velocity": 2.6,
+    "linear.x.max_acceleration": A_MAX,
+    "angular.z.max_acceleration": 1.0,
+    "pose_timeout": 60.0,
+    **SIMULATED,
+}
 
 
 def nav2_environment(folder, **changes):
@@ -50,6 +60,42 @@ def test_a_path_is_driven_through_its_poses_with_feedback(driven, action_peer):
     assert "navigate_through_poses: goal rejected: path is empty" in driven.processes["controller"].output
 
 
+def test_a_path_is_followed_with_the_feedback_and_the_error_codes_of_nav2(driven, action_peer):
+    follow = action_peer(driven.peer, "follow_path")
+    x, y, _ = driven.true_pose()
+    down = [pose_stamped(x, y - 0.1 * i, 0.0, frame="") for i in range(21)]
+    path = Path(header=pose_stamped(0, 0, 0).header, poses=down)
+    handle = follow.send(path=path, controller_id="FollowPath")
+    status, result = follow.result(handle)
+    assert (status, result.error_code, result.error_msg) == (GoalStatus.STATUS_SUCCEEDED, 0, "")
+    assert distance(driven.true_pose(), (x, y - 2.0)) <= 0.4
+    feedback = follow.feedback
+    assert feedback[0].distance_to_goal > feedback[-1].distance_to_goal
+    assert 0.0 < max(one.speed for one in feedback) <= 1.3
+    log = driven.processes["controller"].output
+    assert "path of 21 goals: its orientations are equal and contradict its direction" in log
+    assert "controller_id and the ids of checkers are ignored" in log
+    assert not follow.send(path=Path(header=path.header)).accepted, "an empty path"
+    far = Path(header=path.header, poses=[*down, pose_stamped(*FAR)])
+    replaced, newer = follow.send(path=far), follow.send(path=far)
+    status, result = follow.result(replaced)
+    assert (status, result.error_code) == (GoalStatus.STATUS_ABORTED, result.UNKNOWN)
+    assert result.error_msg == "replaced: by a newer goal (action)"
+    follow.cancel(newer)
+
+
+def test_beside_a_bt_navigator_only_paths_are_served_and_a_second_server_is_an_error(nav2_folder, action_peer):
+    options = {"env": nav2_environment(nav2_folder), "only": ("controller",), "namespace": "/below"}
+    with robot(controller={"nav2_actions": "follow_path"}, **options) as running:
+        peer = running.peer
+        action_peer(peer, "follow_path")
+        names = [name for name, _ in peer.node.get_topic_names_and_types()]
+        assert not any(name.startswith("/below/navigate") for name in names)
+        peer.publisher(GoalStatusArray, "follow_path/_action/status")
+        text = "2 publishers of /below/follow_path/_action/status, only one may serve follow_path"
+        running.processes["controller"].wait_for_output(text)
+
+
 def test_cancelling_brakes_within_the_limits_and_ends_at_rest(driven, action_peer):
     to_pose = action_peer(driven.peer, "navigate_to_pose")
     handle = to_pose.send(pose=pose_stamped(*FAR))
@@ -77,3 +123,15 @@ def test_a_waiting_action_takes_no_processor(nav2_folder, action_peer):
         began, used = time.monotonic(), time.clock_gettime(clock)
         running.peer.spin_for(1.0)
         assert (time.clock_gettime(clock) - used) / (time.monotonic() - began) < 0.6
+
+
+def test_a_goal_that_cannot_be_used_any_more_when_it_is_accepted_ends_with_the_reason(nav2_folder, action_peer):
+    command = sys.executable, late_refusal.__file__, "--ros-args", "-r", "__ns:=/late"
+    with graph.process(*command, env=nav2_environment(nav2_folder)), graph.peer(namespace="late") as peer:
+        client = action_peer(peer, "navigate_to_pose")
+        handle = client.send(pose=pose_stamped(*FAR))
+        assert handle.accepted
+        status, result = client.result(handle)
+        assert status == GoalStatus.STATUS_ABORTED
+        assert result.error_code != 0
+        assert "the transform is too old" in result.error_msg

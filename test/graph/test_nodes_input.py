@@ -10,17 +10,19 @@ import one_process
 import pytest
 from filter_input import R_FIX, START, VARIANCES, fix, heading, joint_state, odometry
 from geometry_msgs.msg import Twist
-from nav_msgs.msg import Odometry
+from nav_msgs.msg import Odometry, Path
+from rclpy.serialization import deserialize_message
 from robot import DEEP, planar, pose_stamped, stamp
 
 from diffbot_control.controller_node import ControllerNode
 from diffbot_control.ekf_node import EkfNode
+from diffbot_control.filter.config import LocalizationConfig
 from diffbot_control.filter.localization import Localization
-from diffbot_control.filter.localization_config import LocalizationConfig
-from diffbot_control.filter.measurements import Heading, PoseFix
+from diffbot_control.filter.measurement import heading as heading_of
+from diffbot_control.filter.measurement import pose_fix
 from diffbot_control.filter.odometry import OdometryStep
-from diffbot_control.law.controller import ControllerMemory, step
-from diffbot_control.law.presets import PRESETS
+from diffbot_control.goals.record import MAX_PATH_POSES
+from diffbot_control.law import CONTACT_UNKNOWN, PRESETS, Observation, new_memory, step
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist as TwistValue
 from diffbot_core.kinematics import TwistCovariance, WheelGeometry, WheelSpeeds, body_twist, encoder_covariance
@@ -54,14 +56,16 @@ COVARIANCES = [
 ]
 ESTIMATES = [({name.replace("pose.", "pose.pose."): v for name, v in one.items()}, kind) for one, kind in POSES]
 ESTIMATES += COVARIANCES
+ZERO_STAMP = ({"header.stamp.sec": 0, "header.stamp.nanosec": 0}, "stamp is zero")
 HEADINGS = [
-    ({"header.frame_id": "map"}, "wrong frame_id"),
+    ZERO_STAMP,
     ({"orientation.w": NAN}, "orientation not finite"),
     ({"orientation_covariance.0": -1.0}, "no orientation in it"),
     ({"orientation_covariance.8": 0.0}, "covariance is zero"),
     (BAD_STAMP, "stamp not normalised"),
 ]
 ODOMETRIES = [
+    ZERO_STAMP,
     ({"twist.twist.linear.x": NAN}, "velocity not finite"),
     ({"twist.twist.linear.x": HUGE}, "velocity out of range"),
     ({"child_frame_id": "odom"}, "wrong child_frame_id"),
@@ -70,13 +74,14 @@ ODOMETRIES = [
     (BAD_STAMP, "stamp not normalised"),
 ]
 JOINT_STATES = [
+    ZERO_STAMP,
     ({"name": ["caster_joint", "right_wheel_joint", LONG]}, "wheel joints missing"),
     ({"velocity": []}, "wheel joints missing"),
     ({"velocity": [0.0, NAN, 1.0]}, "wheel speed not finite"),
     ({"velocity": [0.0, 1.0, -HUGE]}, "wheel speed out of range"),
     (BAD_STAMP, "stamp not normalised"),
 ]
-FILTERED = [({"child_frame_id": "base_footprint"}, "wrong child_frame_id")]
+FILTERED = [ZERO_STAMP, ({"child_frame_id": "base_footprint"}, "wrong child_frame_id")]
 
 
 def changed(message, fields):
@@ -137,17 +142,18 @@ def test_filter_goes_on_as_if_the_bad_messages_had_not_come(nodes, source, capfd
     fed.spoil("global_pose", fix(START), ESTIMATES[:3])
     fed.spoil(source, motion(START), [({}, "no fix yet")])
     fed.send("global_pose", fix())
-    reference.on_measurement(PoseFix(stamp(fix()), Pose(*planar(fix().pose.pose)), R_FIX))
+    reference.on_measurement(pose_fix(stamp(fix()), Pose(*planar(fix().pose.pose)), R_FIX))
     move(START + 0.1)
     time = START + 0.2
-    fed.spoil("global_pose", fix(time), [*ESTIMATES, ({"pose.covariance": [0.0] * 36}, "covariance is zero")])
+    without_covariance = {"pose.covariance": [0.0] * 36}, "covariance is zero"
+    fed.spoil("global_pose", fix(time), [*ESTIMATES, ZERO_STAMP, without_covariance])
     fed.spoil("initialpose", fix(time), ESTIMATES)
     fed.spoil("heading", heading(time), HEADINGS)
     fed.spoil(source, motion(time), cases)
     fed.spoil(source, motion(START - 0.25), [({}, "out of order")])
     fed.spoil("global_pose", fix(START - 5.0), [({}, "too old")])
     fed.send("heading", heading(time))
-    reference.on_measurement(Heading(round(time * 1e9), 0.6, np.array([[0.01]])))
+    reference.on_measurement(heading_of(round(time * 1e9), 0.6, np.array([[0.01]])))
     move(time)
     fed.check_drops(capfd.readouterr().err)
 
@@ -162,14 +168,15 @@ def filtered(time, *pose):
 def test_controller_goes_on_as_if_the_bad_messages_had_not_come(nodes, capfd):
     fed = Spoiler(nodes, ControllerNode, {"pose_source": "odometry", "pose_timeout": 60.0})
     commands = nodes.peer.subscribe(Twist, "cmd_vel", DEEP)
-    goal, memory = Pose(5.0, 1.0, 0.3), ControllerMemory()
+    goal, memory = Pose(5.0, 1.0, 0.3), new_memory()
     fed.send("odometry/filtered", filtered(START))
     fed.send("goal_pose", pose_stamped(*goal))
     for number in (1, 2):
         pose = Pose(0.01 * number, 0.5, 0.2)
         fed.send("odometry/filtered", filtered(START + 0.1 * number, *pose))
         nodes.peer.spin_until(lambda number=number: len(commands) >= number, what="a command")
-        memory, command, _ = step(memory, Estimate(pose, UNCERTAINTY), goal, 0.1, PRESETS["tuned"])
+        observation = Observation(Estimate(pose, UNCERTAINTY), 0.1, 0.1, CONTACT_UNKNOWN)
+        memory, command, _ = step(memory, observation, goal, PRESETS["tuned"].config)
         assert len(commands) == number, "one pose, one command"
         assert (commands[-1].linear.x, commands[-1].angular.z) == pytest.approx(tuple(command), abs=1e-9)
         if number == 1:
@@ -178,8 +185,24 @@ def test_controller_goes_on_as_if_the_bad_messages_had_not_come(nodes, capfd):
     fed.check_drops(capfd.readouterr().err)
 
 
+def test_a_path_of_too_many_poses_is_refused_before_it_is_read(nodes, monkeypatch):
+    """The robot must not drive on without an answer while a million poses are read."""
+    fed, read = one_process.Fed(nodes, ControllerNode, {"pose_timeout": 60.0}), []
+    place = "diffbot_control.ros.messages.conversions.deserialize_message"
+    monkeypatch.setattr(place, lambda data, kind: read.append(len(data)) or deserialize_message(data, kind))
+    message = Path()
+    message.header.frame_id = "map"
+    for count in (MAX_PATH_POSES, MAX_PATH_POSES + 1, 8 * MAX_PATH_POSES):
+        message.poses = [pose_stamped(float(number), 0.0, 0.0) for number in range(count)]
+        fed.send("path", message)
+    health = fed.node.health
+    assert (health.accepted["path"], health.dropped["path", "path too long"]) == (1, 2)
+    assert len(read) == 2, "the longest path is not read"
+    assert fed.node.supervisor.goals.present is not None
+
+
 def test_controller_takes_corrections_of_its_goal_and_drops_old_repeated_and_far_ones(nodes):
-    parameters = {"pose_source": "odometry", "pose_timeout": 60.0, "goal_update_timeout": 60.0}
+    parameters = {"pose_source": "odometry", "pose_timeout": 60.0}
     fed = one_process.Fed(nodes, ControllerNode, parameters)
     supervisor = fed.node.supervisor
 

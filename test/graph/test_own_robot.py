@@ -11,9 +11,9 @@ from nav_msgs.msg import Path
 from rclpy.qos import QoSProfile
 from robot import distance, pose_stamped, turned, twist
 
-from diffbot_tools.robot.description import RobotDescription, file_of_robot
+from diffbot_tools.robot_description import RobotDescription, file_of_robot
 
-FILE = file_of_robot(RobotDescription(gyro=True), "my_robot.yaml")
+FILE = file_of_robot(RobotDescription(use_gyro=True), "my_robot.yaml")
 WARNING = re.compile(r"\[(WARN|ERROR|FATAL)\] \[[\d.]+\] \[(controller|ekf|plant)[].]")
 HARMLESS = "/clock", "no fix yet", "no odometry yet"
 """in warnings while the nodes discover each other"""

@@ -1,7 +1,10 @@
 """Parameters of the nodes: what is refused at the start and later, in which words, what takes effect, and files."""
 
 import math
+import subprocess
+import sys
 
+import graph
 import pytest
 import yaml
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters, SetParametersAtomically
@@ -16,7 +19,7 @@ from diffbot_sim.plant_node import PlantNode
 
 KINDS = {"controller": ControllerNode, "ekf": EkfNode, "plant": PlantNode}
 NODES = {
-    "controller": {"linear.x.max_velocity": math.inf, "gamma": 2},
+    "controller": {"preset": "paper", "linear.x.max_velocity": math.inf, "gamma": 2},
     "ekf": {"landmark_ids": [4, 2], "landmark_x": [1.0, 2.5], "landmark_y": [0.0, -1.5]},
     "plant": {"start_paused": True, "seed": 5},
 }
@@ -27,7 +30,7 @@ NODES = {
     ("name", "parameters", "text"),
     [
         ("controller", {"law": "rotate_drive_rotate", "drive_brake": -7.0}, "drive_brake = -7.0: must be >= "),
-        ("plant", {"clock": "lockstep", "publish_clock": False}, "publish_clock = False: must be true with clock"),
+        ("plant", {"clock": "lockstop"}, "clock = 'lockstop': must be one of"),
         ("ekf", {"qos_overrides./odom.subscription.depth": 0}, "qos_overrides./odom.subscription.depth = 0: must be"),
     ],
 )
@@ -38,7 +41,7 @@ def test_a_start_with_a_bad_value_is_refused_in_words(nodes, name, parameters, t
 
 
 def test_what_holds_between_parameters_is_kept_and_several_can_change_at_once(nodes):
-    nodes.add(ControllerNode)
+    nodes.add(ControllerNode, {"preset": "paper"})
     names = {SetParameters: "set_parameters", SetParametersAtomically: "set_parameters_atomically"}
 
     def change(service=SetParametersAtomically, **values):
@@ -97,17 +100,31 @@ def test_a_dump_starts_the_node_again_with_the_same_values_and_can_be_loaded(nod
     assert dumped(nodes.peer, node) == first
 
 
-def test_a_file_counts_for_the_nodes_it_names_and_warns_of_unknown_names_only(nodes, tmp_path, capfd):
+def test_a_file_counts_for_the_nodes_it_names_and_unknown_names_are_found(nodes, tmp_path):
     file = tmp_path / "all.yaml"
     known = "landmark_rate: 0.0\n    gamma: 1.0\n    hold_goal: true\n    state_file: ''\n    uri: bag"
     qos = "qos_overrides:\n      /odom:\n        subscription:\n          depth: 7"
     plant = "/**/plant:\n  ros__parameters:\n    initial_pose.x: 3\n    initial_pose.yaw: 0.0\n    start_paused: true\n"
     file.write_text(f"/**:\n  ros__parameters:\n    {known}\n    {qos}\n    gama: 2.0\n{plant}")
     node = nodes.add(EkfNode, arguments=("--params-file", str(file)))
-    output = "".join(capfd.readouterr())
-    assert "unknown parameter 'gama' is ignored; did you mean 'gamma'?" in output
-    assert output.count("unknown parameter") == 1
+    assert node.checked_parameters.unknown == {"gama": 2.0}
     assert node.get_parameter("qos_overrides./odom.subscription.depth").value == 7
     arguments = ("--params-file", str(file), "-r", "__ns:=/filed", "-p", "initial_pose.y:=4.5")
     node = nodes.add(PlantNode, arguments=arguments)
     assert [node.get_parameter(f"initial_pose.{name}").value for name in ("x", "y", "yaw")] == [3.0, 4.5, 0.0]
+
+
+def test_a_parameter_that_ros_would_ignore_for_a_node_in_a_namespace_ends_the_start():
+    arguments = ("--ros-args", "-r", "__ns:=/r1", "-p", "plant:initial_pose.y:=2.0")
+    ended = subprocess.run(
+        [sys.executable, "-m", "diffbot_sim.plant_node", *arguments],
+        env=graph.environment(),
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert ended.returncode == 1
+    (line,) = [one for one in ended.stderr.splitlines() if one.startswith("error: ")]
+    assert "plant:initial_pose.y:=2.0" in line
+    assert line.endswith("use a parameter file with /**/plant, or -p initial_pose.y:=2.0")

@@ -2,12 +2,15 @@
 
 import signal
 import sys
+import time
 from pathlib import Path
 
 import graph
 import pytest
 
-DIFFBOT_RUN = ("diffbot", "run", "controller")
+from diffbot_core.ros import run
+
+DIFFBOT_RUN = ("diffbot", "run", "controller", "--with", "plant")
 HOLD = """
 import sys, time
 
@@ -62,8 +65,9 @@ def test_a_signal_that_is_ignored_stays_ignored(tmp_path):
 
 STUCK = """
 import ctypes
-from diffbot_core.ros.fault_parameters import FaultConfig
-from diffbot_core.ros.node import DiffbotNode, run
+from diffbot_core.parameter_groups import FaultConfig
+from diffbot_core.ros.node import DiffbotNode
+from diffbot_core.ros.run import run
 
 class Stuck(DiffbotNode):
     def __init__(self):
@@ -84,3 +88,26 @@ def test_a_node_that_the_middleware_keeps_ends_after_its_shutdown():
         process.wait_for_output("ready")
         assert process.stop() == 0
         assert "robot stands" in process.output
+
+
+class Unheard:
+    """A publisher whose readers never acknowledge, and its node."""
+
+    def __init__(self, events):
+        self.events, self.publishers, self.exit_code = events, [self], None
+
+    def wait_for_all_acked(self, timeout):
+        time.sleep(timeout.nanoseconds * 1e-9)
+        self.events.append("waited")
+
+    def destroy_node(self):
+        self.events.append("destroyed")
+
+
+def test_before_nodes_are_destroyed_their_readers_have_a_bounded_time_in_total(monkeypatch):
+    events, began = [], time.monotonic()
+    monkeypatch.setattr(run.rclpy, "try_shutdown", lambda: events.append("shut down"))
+    monkeypatch.setattr(run, "READERS_TIMEOUT", 0.3)
+    run._destroy([Unheard(events), Unheard(events)], False)
+    assert events == ["waited", "waited", "destroyed", "destroyed", "shut down"]
+    assert 0.3 <= time.monotonic() - began < 3.0

@@ -81,7 +81,7 @@ def test_publishers_offer_what_rviz_nav2_and_robot_localization_ask_for_unless_o
 
 @pytest.mark.parametrize(("qos", "zeros"), [(RELIABLE, 1), (BEST_EFFORT, 3)])
 def test_the_stop_at_the_end_is_repeated_where_nobody_confirms_it(nodes, qos, zeros, monkeypatch):
-    monkeypatch.setattr("diffbot_core.ros.delivery.TIMEOUT", graph.PATIENCE)
+    monkeypatch.setattr("diffbot_core.ros.qos.DELIVERY_TIMEOUT", graph.PATIENCE)
     fed = one_process.Fed(nodes, ControllerNode, {"pose_timeout": 60.0})
     commands = nodes.peer.subscribe(Twist, "cmd_vel", qos)
     fed.send("goal_pose", pose_stamped(5.0, 0.0, 0.0))

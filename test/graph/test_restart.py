@@ -1,12 +1,16 @@
 """A controller that is killed while it drives: the robot stops, and its clients send the lost goal again."""
 
 import signal
+import time
 from contextlib import closing
+from types import SimpleNamespace
 
 import graph
-from robot import ON_TRUTH, TRUE_POSES, distance, robot
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from robot import LATCHED, ON_TRUTH, TRUE_POSES, distance, robot
 
-from diffbot_control.ros.goals.client import LOST, GoalClient, Task
+from diffbot_control.ros.goals import client
+from diffbot_control.ros.goals.client import LOST, GoalClient, GoalTask
 from diffbot_core.geometry import Pose
 
 START, GOAL = Pose(-4.0, 0.2, 0.0), Pose(1.0, 0.2, 0.0)
@@ -22,7 +26,8 @@ def test_a_goal_of_a_killed_controller_is_lost_for_its_clients_and_can_be_sent_a
         bare.launch("controller", ON_TRUTH, TRUE_POSES)
         bare.wait_until_ready("controller")
         lost = waiting.send_goal([GOAL])
-        patient.task = Task(lost.id)
+        patient.task = GoalTask(lost.id)
+        assert patient.spin_until(lambda: patient.task.is_accepted, graph.PATIENCE)
         bare.peer.spin_until(lambda: bare.truths and bare.truths[-1].twist.twist.linear.x > 0.1, what="a driving robot")
         bare.processes["controller"].stop(signal.SIGKILL)
         assert waiting.wait_for_end(graph.PATIENCE)
@@ -40,3 +45,41 @@ def test_a_goal_of_a_killed_controller_is_lost_for_its_clients_and_can_be_sent_a
         assert waiting.wait_for_end(graph.PATIENCE)
         assert (again.end, again.reason) == ("reached", "")
         assert distance(bare.true_pose(), GOAL) < 0.4
+
+
+def test_a_controller_that_is_suspended_until_its_clients_have_lost_it_ends_its_goal():
+    with (
+        closing(GoalClient.in_own_context()) as waiting,
+        robot(PLANT, only=("plant",)) as bare,
+    ):
+        results = bare.peer.subscribe(DiagnosticArray, "controller/goal_results", LATCHED)
+        process = bare.launch("controller", ON_TRUTH, TRUE_POSES)
+        bare.wait_until_ready("controller")
+        lost = waiting.send_goal([GOAL])
+        process.send(signal.SIGSTOP)
+        try:
+            assert waiting.wait_for_end(graph.PATIENCE)
+        finally:
+            process.send(signal.SIGCONT)
+        assert (lost.end, lost.reason) == (LOST, "the controller is gone")
+        bare.peer.spin_until(lambda: results and results[-1].status, what="the answer")
+        (answer,) = results[-1].status
+        assert (answer.name, answer.message) == (lost.id, "not reached")
+        assert graph.values(answer)["reason"].startswith("the controller was suspended for ")
+        bare.wait_for_state("goal not reached")
+
+
+def test_a_loss_that_messages_contradict_is_none(monkeypatch):
+    """DDS may report the end of a lease and not that it is renewed, as on a busy machine."""
+    now = [time.monotonic()]
+    with closing(GoalClient.in_own_context(restart_timeout=2.0)) as goals:
+        monkeypatch.setattr(client, "time", SimpleNamespace(monotonic=lambda: now[0]))
+        goals._on_liveliness(SimpleNamespace(alive_count=0))
+        for _ in range(40):
+            now[0] += 0.25
+            goals._on_status(DiagnosticStatus())
+            assert not goals._is_gone()
+        silent = 0.0
+        while not goals._is_gone():
+            now[0], silent = now[0] + 0.25, silent + 0.25
+        assert silent == 3.0  # restart_timeout and DELAY

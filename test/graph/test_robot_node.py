@@ -10,17 +10,17 @@ from lockstep_drive import assert_same_path, go
 from nav_msgs.msg import Odometry
 from robot import LATCHED, distance, planar, pose_stamped, stamp, turned
 
-from diffbot_bag.bag.reader import BagReader
+from diffbot_bag.bag import BagReader
 from diffbot_control import docking_node
 from diffbot_control.ekf_node import EkfNode
-from diffbot_control.goals.goal_record import CANCELLED
+from diffbot_control.goals import GoalRequest
+from diffbot_control.goals.record import CANCELLED
 from diffbot_control.robot_node import RobotControllerNode
 from diffbot_core.geometry import Pose
 from diffbot_tools import cli
 
 GOAL = (3.0, -1.0, 2.5)
 WORLD = {"seed": 11, "fix_delay": 0.3, "fix_dropout": 0.3, "fix_outlier": 0.1, "initial_pose.yaw": -2.0}
-STAMPED = {"enable_stamped_cmd_vel": True}
 
 
 def test_robot_plant_and_recorder_in_one_process(tmp_path):
@@ -54,11 +54,11 @@ def test_robot_plant_and_recorder_in_one_process(tmp_path):
 
 def test_a_node_twice_is_refused_in_one_line(kept_signal_handlers, capsys):
     assert cli.main(["run", "robot", "--with", "ekf"]) == 1
-    assert "--with = 'ekf': must be each node once, ekf is in it twice" in capsys.readouterr().err
+    assert "--with = 'ekf': each node may appear only once; ekf appears twice" in capsys.readouterr().err
 
 
 def test_a_bag_that_exists_is_refused_before_anything_moves(kept_signal_handlers, capfd):
-    assert cli.main(["run", "controller", "--with", "recorder", "--ros-args", "-p", "recorder:uri:=/"]) == 1
+    assert cli.main(["run", "controller", "--with", "plant", "recorder", "--ros-args", "-p", "recorder:uri:=/"]) == 1
     output = "".join(capfd.readouterr())
     assert sum("error: /recorder: / exists already" in line for line in output.splitlines()) == 1
     assert "Traceback" not in output
@@ -67,13 +67,12 @@ def test_a_bag_that_exists_is_refused_before_anything_moves(kept_signal_handlers
 
 def test_they_drive_as_two_nodes_do_and_a_pose_follows_the_command_that_answers_it():
     """Both are sent by one thread: the times of the middleware are in the order of sending."""
-    with inside({**WORLD, **STAMPED}, controller=STAMPED, stamped=True) as pair, graph.peer("times") as observer:
+    with inside(WORLD) as pair, graph.peer("times") as observer:
         commanded, posed = {}, {}
         for name, kind, times in (("cmd_vel", TwistStamped, commanded), ("pose", PoseWithCovarianceStamped, posed)):
 
             def note(message, info, times=times):
-                # Of the first answer: a step may be sent again.
-                times.setdefault(stamp(message), info["source_timestamp"])
+                times[stamp(message)] = info["source_timestamp"]
 
             observer.node.create_subscription(kind, name, note, 1000)
             observer.wait_for_publishers(name)
@@ -113,7 +112,7 @@ def test_a_goal_in_map_that_is_reached_lets_go_of_the_dock_if_it_came_after_the_
     arguments = docking_node.remappings(docking_node.CONTROLLER)
     dock = nodes.add(partial(docking_node.DockControllerNode, ekf), {"pose_lost_timeout": 100.0}, arguments)
     statuses = nodes.peer.publisher(GoalStatusArray, "controller/goal_status", LATCHED)
-    dock.goals.accept_goals([Pose(0.0, 0.0, 0.0)], False, "request")
+    dock.supervisor.on_goal(Pose(0.0, 0.0, 0.0), GoalRequest("1" * 32, "goal_pose", 0.0))
     dock._look_at_goals()
     # Of before, though it is heard of after the docking has begun.
     goal = GoalStatus(status=GoalStatus.STATUS_SUCCEEDED)

@@ -8,7 +8,7 @@ from nav_msgs.msg import Odometry
 
 from diffbot_control.controller_node import ControllerNode
 from diffbot_control.ekf_node import EkfNode
-from diffbot_core.ros import publisher_watch
+from diffbot_core.ros import watches
 from diffbot_sim.plant_node import PlantNode
 
 
@@ -62,7 +62,7 @@ def test_a_second_controller_of_the_same_name_is_an_error_when_it_lasts(nodes, m
     nodes.add(ControllerNode)
     nodes.add(ControllerNode)
     wait_for(nodes, "/controller", "robot: /controller, /controller (one that was killed", DiagnosticStatus.WARN)
-    monkeypatch.setattr(publisher_watch, "LEASE", 0.1)
+    monkeypatch.setattr(watches, "LEASE", 0.1)
     wait_for(nodes, "/controller", "robot: /controller, /controller", DiagnosticStatus.ERROR)
 
 

@@ -8,16 +8,15 @@ import one_process
 import pytest
 from geometry_msgs.msg import PoseStamped
 
-from diffbot_bag.bag.new_bag import new_bag
-from diffbot_bag.bag.qos import Qos
+from diffbot_bag.qos import Qos
 from diffbot_bag.recorder_node import RecorderNode
-from diffbot_bag.replay_node import ReplayNode
-from diffbot_bag.ros.replay_services import PLAYER_NAME, ROSBAG2_SERVICES
+from diffbot_bag.replay_node import PLAYER_NAME, ReplayNode
+from diffbot_bag.writer import new_bag
 from diffbot_control.controller_node import ControllerNode
 from diffbot_control.ekf_node import EkfNode
 from diffbot_control.ros.goals.client import GoalClient
 from diffbot_sim.plant_node import PlantNode
-from diffbot_tools.demo.command import RECORDED_TOPICS
+from diffbot_tools.demo import RECORDED_TOPICS
 
 POLICY = Path(__file__).resolve().parents[2] / "config" / "sros2_policy.xml"
 NAMESPACE = "/reference"
@@ -40,11 +39,16 @@ REPLAYED = {
     "odom": "nav_msgs/msg/Odometry",
 }
 """Inputs of the filter. A replay may publish neither commands nor poses, which would move a robot."""
+ROSBAG2_SERVICES = (
+    "get_rate", "is_paused", "pause", "play_next", "resume", "seek", "set_rate", "stop", "toggle_paused"
+)  # fmt: skip
 UNSEEN = {
     # These need tf2_msgs, nav2_msgs and rosbag2_interfaces, which only a full ROS installation has.
     *((name, "publish", "/tf") for name in ("plant", "ekf")),
     *(("controller", "subscribe", name) for name in ("/tf", "/tf_static")),
-    *(("controller", "execute", name) for name in ("navigate_to_pose", "navigate_through_poses")),
+    *(("controller", "execute", name) for name in ("navigate_to_pose", "navigate_through_poses", "follow_path")),
+    # The controller subscribes when a goal has no pose, to name the cause.
+    ("controller", "subscribe", "ekf/status"),
     *(("replay", "reply", f"{PLAYER_NAME}/{name}") for name in ROSBAG2_SERVICES),
     # The recorder has these clients only for a moment, while it asks the other nodes for their parameters.
     *(("recorder", "request", f"{node}/{name}_parameters") for node in ("controller", "ekf", "plant")

@@ -11,8 +11,8 @@ from sensor_msgs.msg import Imu
 from diffbot_control.controller_node import ControllerNode
 from diffbot_control.ekf_node import EkfNode
 from diffbot_core.ros.node import DiffbotNode
+from diffbot_sim.parameters import PlantNodeConfig
 from diffbot_sim.plant_node import PlantNode
-from diffbot_sim.ros.parameters import PlantNodeConfig
 
 SIMULATED = {"use_sim_time": True}
 TOPICS = {
@@ -31,8 +31,8 @@ def add_robot(nodes, name, plant):
     """Add plant, filter and controller under ``/name`` with the frame prefix ``name/``."""
     arguments, frames = ("-r", f"__ns:=/{name}"), {"frame_prefix": f"{name}/"}
     nodes.add(EkfNode, frames, arguments)
-    controller = nodes.add(ControllerNode, {**frames, "enable_stamped_cmd_vel": True}, arguments)
-    nodes.add(PlantNode, {"enable_stamped_cmd_vel": True, **frames, **plant}, arguments)
+    controller = nodes.add(ControllerNode, {**frames, "cmd_vel_type": "twist_stamped"}, arguments)
+    nodes.add(PlantNode, {"cmd_vel_type": "twist_stamped", **frames, **plant}, arguments)
     return controller
 
 
@@ -94,7 +94,7 @@ def test_a_missing_clock_is_reported_and_its_coming_too(nodes, capfd):
 def test_time_that_jumps_to_and_fro_from_one_publisher_is_an_error_and_now_runs_on(nodes, monkeypatch):
     """As of a bridge that passes on two clocks."""
     for name in ("_WINDOW", "_SETTLE"):
-        monkeypatch.setattr(f"diffbot_core.ros.clock_watch.{name}", graph.PATIENCE)
+        monkeypatch.setattr(f"diffbot_core.ros.watches.{name}", graph.PATIENCE)
     peer = nodes.peer
     node = nodes.add(Listener, SIMULATED)
     publisher = peer.publisher(Clock, "/clock")

@@ -18,7 +18,7 @@ from diffbot_core.schema import parameters_of
 
 ROOT = Path(__file__).parents[2]
 FIRST_DRIVE = "first-drive"
-"""its results are compared in test/tools/demo/test_demo.py, which runs it"""
+"""its results are compared in test/tools/test_demo.py, which runs it"""
 TUTORIALS = {page.stem: page.read_text() for page in tutorial_run.pages() if page.stem != FIRST_DRIVE}
 
 

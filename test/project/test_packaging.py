@@ -12,7 +12,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 from source_files import PACKAGES, ROOT, source_tree
 
-from diffbot_core.distribution import DISTRIBUTION
+from diffbot_core.installed import DISTRIBUTION
 
 EXECUTABLES = {
     *("controller_node", "diffbot", "docking_node", "ekf_node", "plant_node", "recorder_node", "replay_node"),

@@ -1,42 +1,32 @@
-"""Every command that reads a bag, run in a forked process with bounds of memory and of processor time."""
+"""Every command that reads a bag, with arguments for it, run in this process."""
 
 import argparse
 import contextlib
 import functools
 import io
-import json
-import os
-import resource
-import shutil
-import signal
-import subprocess
-import sys
-import time
 import traceback
-from pathlib import Path
 from unittest import mock
+
+import view_bags
+from bag_makers import BEGIN, write_folder
 
 from diffbot_tools import cli
 
-MEMORY = 300 * 2**20
-"""[bytes] more than before"""
-CPU = 5.0
-"""[s] of a command"""
 PARAMETERS = "/ekf:\n  ros__parameters:\n    wheel_radius: 0.1\n    wheel_separation: 0.4\n"
 CONTRACT = "version: 1\nbag: {max_lost: 0}\ntopics: {/odom: {min_rate: 1.0, max_gap: 1.0, stamped: true}}\n"
 ARGUMENTS = {
-    "bag info": [["{bag}"], ["{bag}", "--json"]],
-    "bag check": [["{bag}", "{given}/contract.yaml", "--json"], ["{bag}", "--write", "{out}.yaml"]],
-    "bag repair": [["{bag}", "{out}"], ["{copy}", "--in-place"]],
-    "bag trim": [["{bag}", "{out}", "--from", "0.1s", "--to", "end-0.1s"]],
-    "bag filter": [["{bag}", "{out}", "--topics", "/odom", "/map"]],
-    "bag merge": [["{bag}", "{given}/good", "{out}"]],
-    "refilter": [["{bag}", "--params", "{given}/ekf.yaml", "--compare", "/ground_truth", "--out", "{out}"]],
-    "calibrate": [["{bag}", "--params", "{given}/ekf.yaml", "--out", "{out}.yaml", "--until", "0.2"]],
-    "report": [["{bag}", "-o", "{out}.html", "--csv", "--tum"]],
-    "replay": [["{bag}", "--as-fast-as-possible", "--disable-keyboard-controls"]],
+    "bag info": ["{bag}"],
+    "bag check": ["{bag}", "{given}/contract.yaml"],
+    "bag repair": ["{bag}", "{out}"],
+    "bag trim": ["{bag}", "{out}", "--from", "0.1s", "--to", "end-0.1s"],
+    "bag filter": ["{bag}", "{out}", "--topics", "/odom", "/pose"],
+    "bag merge": ["{bag}", "{given}/good", "{out}"],
+    "refilter": ["{bag}", "--params", "{given}/ekf.yaml", "--compare", "/ground_truth", "--out", "{out}"],
+    "calibrate": ["{bag}", "--params", "{given}/ekf.yaml", "--out", "{out}.yaml", "--until", "0.2"],
+    "report": ["{bag}", "-o", "{out}.html", "--csv", "--tum"],
+    "replay": ["{bag}", "--as-fast-as-possible", "--disable-keyboard-controls"],
 }
-"""What each command is given; ``copy`` is a copy of the bag that may change, ``out`` does not exist."""
+"""Arguments of each command; ``out`` does not exist."""
 GRAPH = ("replay",)
 """commands that start a node"""
 
@@ -62,22 +52,15 @@ def _parser():
     return cli._parser()
 
 
-def state_of(path):
-    """Return what a bag is: each file with its size and the time of its last change."""
-    files = [path, *sorted(path.rglob("*"))] if path.is_dir() and not path.is_symlink() else [path]
-    found = [(one, one.lstat()) for one in files if os.path.lexists(one)]
-    return [(str(one), status.st_mode, status.st_ino, status.st_size, status.st_mtime_ns) for one, status in found]
-
-
-def _is_plain(path):
-    return path.is_file() and not path.is_symlink() and os.access(path, os.R_OK)
+def words_of(name, bag, given, out):
+    """Return the words of a command for a bag, with the files of :func:`given_files` and a path for its output."""
+    return [*name.split(), *(word.format(bag=bag, given=given, out=out) for word in ARGUMENTS[name])]
 
 
 def run(arguments):
-    """Run the command line in this process; return its status, what it printed, and the processor time [s]."""
+    """Run the command line in this process; return its status, its output and its errors."""
     out, err = io.StringIO(), io.StringIO()
     _parser()  # made now, and not where it is replaced
-    begin = time.process_time()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         try:
             with mock.patch.object(cli, "_parser", _parser):
@@ -87,97 +70,37 @@ def run(arguments):
         except BaseException:
             traceback.print_exc()
             status = 99
-    return status, out.getvalue(), err.getvalue(), time.process_time() - begin
+    return status, out.getvalue(), err.getvalue()
 
 
-def problems_of(bag, given, names, folder):
-    """Run commands on a bag, with outputs in a new folder; return each, what is wrong with it, and its time [s]."""
-    found = []
-    for name in names:
-        for number, template in enumerate(ARGUMENTS[name]):
-            work = folder / f"{name} {number}".replace(" ", "_")
-            work.mkdir(parents=True)
-            copy = _copy(bag, work) if "{copy}" in template else bag
-            before = state_of(bag)
-            words = [word.format(bag=bag, copy=copy, given=given, out=work / "out") for word in template]
-            result = run([*name.split(), *words])
-            complaint = complaint_about(*result)
-            if state_of(bag) != before:
-                complaint = complaint or "the input was changed"
-            left = [path.name for path in work.iterdir() if path != copy]
-            is_checked = name == "bag check" and result[0] == 1
-            if left and result[0] != 0 and not is_checked:
-                complaint = complaint or f"status {result[0]}, and left {left}"
-            if any(".part" in path.name for path in work.rglob("*")):
-                complaint = complaint or "a hidden part was left"
-            found.append((f"{name} {number}", complaint, result[3]))
-            shutil.rmtree(work)
-    return found
+def good_rows(seconds=1.0):
+    """Topic, log time, sequence, (type, message) of a robot on a circle: all that the commands read."""
+    rows = []
+    for number in range(int(seconds * 20)):
+        time = BEGIN + number * 50_000_000
+        x, y, yaw = 0.02 * number, 0.01 * number, 0.02 * number
+        rows += [
+            ("/odom", time, number, view_bags.odometry(time, x, y, yaw, frame="odom")),
+            ("/global_pose", time + 1, number, view_bags.estimate(time, x, y, yaw)),
+            ("/pose", time + 2, number, view_bags.estimate(time, x, y, yaw)),
+            ("/ground_truth", time + 3, number, view_bags.odometry(time, x, y, yaw)),
+            ("/cmd_vel", time + 4, number, view_bags.command(0.2, 0.1)),
+        ]
+        if number % 5 == 0:
+            rows += [
+                ("/ekf/status", time + 5, number, view_bags.status("ekf", "running", **{"NIS per number": "1.0"})),
+                ("/rosout", time + 6, number, view_bags.log(time, "ekf", "text")),
+                ("/tf", time + 7, number, view_bags.transforms(time, ("map", "odom", 0.0, 0.0, 0.0))),
+                ("/plan", time + 8, number, view_bags.path(time, (0.0, 0.0), (1.0, 1.0))),
+                ("/goal_pose", time + 9, number, view_bags.goal(time, 1.0, 1.0, 0.5)),
+            ]
+    return rows
 
 
-def _copy(bag, work):
-    copy = work / bag.name
-    if bag.is_dir():
-        # A pipe cannot be copied.
-        with contextlib.suppress(shutil.Error):
-            shutil.copytree(bag, copy, symlinks=True)
-    elif _is_plain(bag):
-        shutil.copyfile(bag, copy)
-    return copy
-
-
-def complaint_about(status, out, err, seconds):
-    """Return what is wrong with the end of a command; empty if nothing is."""
-    if "Traceback" in err or status not in (0, 1, 2):
-        return f"status {status}: " + " | ".join(err.strip().splitlines()[-6:])[-900:]
-    if "MemoryError" in out + err:
-        return f"memory: {err[-300:]}"
-    if seconds > CPU:
-        return f"{seconds:.1f} s of processor time"
-    lines = [line for line in err.splitlines() if line.startswith("diffbot")]
-    refusals = [line for line in lines if "warning:" not in line]
-    if status and not out and len(refusals) != 1:
-        return f"status {status}, and {len(refusals)} lines of refusal: {err[-300:]}"
-    shown = [line for line in (out + err).splitlines() if not line.isprintable() and "\r" not in line]
-    if shown or max(map(len, refusals), default=0) > 1500:
-        return f"prints {(shown or refusals)[0][:200]!r}"
-    return ""
-
-
-def in_fork(work, seconds):
-    """Return what ``work`` returns in a fork with bounds of MEMORY and of processor time [s]; a text if it died."""
-    reading, writing = os.pipe()
-    child = os.fork()
-    if child == 0:
-        os.close(reading)
-        status = 1
-        try:
-            size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-            resource.setrlimit(resource.RLIMIT_AS, (size + MEMORY, size + MEMORY))
-            resource.setrlimit(resource.RLIMIT_CPU, (int(seconds), int(seconds) + 1))
-            with os.fdopen(writing, "w") as stream:
-                json.dump(work(), stream)
-            status = 0
-        finally:
-            os._exit(status)
-    os.close(writing)
-    with os.fdopen(reading) as stream:
-        content = stream.read()
-    _, status = os.waitpid(child, 0)
-    if status or not content:
-        killed = os.WTERMSIG(status) if os.WIFSIGNALED(status) else 0
-        return f"died: {signal.Signals(killed).name if killed else status}"
-    return json.loads(content)
-
-
-def replayed(bag):
-    """Replay a bag in a process of its own with a bound of processor time; return what is wrong with its end."""
-    words = [word.format(bag=bag) for word in ARGUMENTS["replay"][0]]
-    done = subprocess.run(
-        [sys.executable, "-m", "diffbot_tools.cli", "replay", *words],
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (int(CPU), int(CPU) + 1)),
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    return complaint_about(done.returncode, "", done.stderr if "Traceback" in done.stderr else "diffbot: ", 0.0)
+def given_files(folder):
+    """Write what the commands are given besides a bag."""
+    folder.mkdir()
+    (folder / "contract.yaml").write_text(CONTRACT)
+    (folder / "ekf.yaml").write_text(PARAMETERS)
+    write_folder(folder / "good", good_rows(0.5))
+    return folder

@@ -6,27 +6,30 @@ A row is (topic, log time [ns], data (CDR)), and for the mcap library maybe publ
 import struct
 from collections import Counter
 from contextlib import contextmanager, suppress
+from typing import NamedTuple
 
 import yaml
 from mcap.exceptions import EndOfFile
+from mcap.reader import make_reader
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 from rosbags.highlevel import AnyReader
-from rosbags.interfaces import Qos as RosbagsQos
-from rosbags.interfaces import QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
+from rosbags.rosbag2.metadata import parse_qos
 from rosbags.typesys import Stores, get_typestore
 
-from diffbot_bag.bag.message_definitions import MessageDefinitions
-from diffbot_bag.bag.qos import Qos, dump_profiles
+from diffbot_bag.bag import BagReader
+from diffbot_bag.definitions import type_hash
+from diffbot_bag.info import info_of
+from diffbot_bag.qos import Qos, dump_profiles
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 BEGIN, MS = 1_700_000_000_000_000_000, 1_000_000
 POINT, STRING = "geometry_msgs/msg/Point", "std_msgs/msg/String"
 LATCHED = Qos(durability="transient_local")
-HASHES = {name: MessageDefinitions().type_hash(name) for name in (POINT, STRING)}
+HASHES = {name: type_hash(name) for name in (POINT, STRING)}
 COMPRESSIONS = {"zstd": CompressionType.ZSTD, "lz4": CompressionType.LZ4, "none": CompressionType.NONE}
 QOS = """\
 - history: 1
@@ -66,9 +69,7 @@ def string(text):
 
 
 @contextmanager
-def mcap_writing(
-    stream, kinds, offers=None, definitions=None, hashes=HASHES, chunk_size=1000, compression="zstd", **options
-):
+def mcap_writing(stream, kinds, offers=None, definitions=None, chunk_size=1000, compression="zstd", **options):
     """Give the mcap library's writer of a file, and the channel of each topic.
 
     ``kinds`` are the types by topic. ``offers`` are QoS profiles or their text by topic; without them the channels have
@@ -82,26 +83,20 @@ def mcap_writing(
     for topic, kind in kinds.items():
         offered = (offers or {}).get(topic, "")
         text = offered if isinstance(offered, str) else dump_profiles(offered)
-        metadata = {} if offers is None else {"offered_qos_profiles": text, "topic_type_hash": hashes.get(kind, "")}
+        metadata = {} if offers is None else {"offered_qos_profiles": text, "topic_type_hash": HASHES.get(kind, "")}
         channels[topic] = writer.register_channel(topic, "cdr", schemas[kind], metadata)
     yield writer, channels
     writer.finish()
 
 
-def write_mcap(path, rows, kinds=POINT, offers=None, attached=(), **options):
-    """Write a file with the mcap library, see mcap_writing; ``kinds`` may be one type of all topics of the rows.
-
-    ``attached`` are names of attachments and of metadata records.
-    """
+def write_mcap(path, rows, kinds=POINT, offers=None, **options):
+    """Write a file with the mcap library, see mcap_writing; ``kinds`` may be one type of all topics of the rows."""
     if isinstance(kinds, str):
         rows = list(rows)
         kinds = dict.fromkeys((row[0] for row in rows), kinds)
     with path.open("wb") as stream, mcap_writing(stream, kinds, offers, **options) as (writer, channels):
         for topic, time, data, *more in rows:
             writer.add_message(channels[topic], time, data, *(more or [time]))
-        for name in attached:
-            writer.add_attachment(5, 6, name, "text/plain", b"content of " + name.encode())
-            writer.add_metadata(name, {"key": "value"})
     return path
 
 
@@ -148,7 +143,7 @@ def write_rosbags(folder, rows, kinds=POINT, offers=None):
         for topic, time, data, *_ in rows:
             if topic not in connections:
                 kind = kinds if isinstance(kinds, str) else kinds[topic]
-                offered = [rosbags_qos(one) for one in (offers or {}).get(topic, ())]
+                offered = parse_qos(dump_profiles((offers or {}).get(topic, ())))
                 connections[topic] = writer.add_connection(topic, kind, typestore=STORE, offered_qos_profiles=offered)
             writer.write(connections[topic], time, data)
     return folder
@@ -164,6 +159,44 @@ def read(path, raw=False):
     return found
 
 
+class Fact(NamedTuple):
+    """All that a bag says about a message."""
+
+    topic: str
+    log_time: int
+    publish_time: int
+    sequence: int
+    data: bytes
+    type: str
+    definition: bytes
+
+
+def files_of(path):
+    return sorted(path.glob("*.mcap"), key=lambda one: (len(one.name), one.name)) if path.is_dir() else [path]
+
+
+def facts(path):
+    """All messages by mcap's own reader: of each file in the order of log time, every checksum verified."""
+    found = []
+    for file in files_of(path):
+        with file.open("rb") as stream:
+            for schema, channel, one in make_reader(stream, validate_crcs=True).iter_messages():
+                times = one.log_time, one.publish_time
+                found.append(Fact(channel.topic, *times, one.sequence, one.data, schema.name, schema.data))
+    return found
+
+
+def chunks_of(path):
+    """The index entries of the chunks of a file, in its order."""
+    with path.open("rb") as stream:
+        return sorted(make_reader(stream).get_summary().chunk_indexes, key=lambda one: one.chunk_start_offset)
+
+
+def read_info(path, **options):
+    with BagReader(path) as reader:
+        return info_of(reader, **options)
+
+
 def unfinished(path):
     """Return the whole messages in a file that may have no end yet, or not be there."""
     found = []
@@ -173,12 +206,3 @@ def unfinished(path):
             if isinstance(record, Message):
                 found.append(record)
     return found
-
-
-def rosbags_qos(qos):
-    durability = QosDurability.TRANSIENT_LOCAL if qos.is_latched else QosDurability.VOLATILE
-    forever = QosTime(9223372036, 854775807)
-    return RosbagsQos(
-        QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, durability, forever, forever, QosLiveliness.AUTOMATIC,
-        forever, False,
-    )  # fmt: skip

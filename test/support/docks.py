@@ -21,7 +21,7 @@ from diffbot_control.ros.messages.fields import fill_pose, pose_of, set_stamp, s
 from diffbot_control.ros.navigator import Navigator, TaskResult
 from diffbot_core.geometry import Pose, into_frame, out_of_frame
 from diffbot_core.ros.qos import QUEUE
-from diffbot_core.units import NS_PER_S
+from diffbot_core.stamps import NS_PER_S
 
 DOCK = Pose(3.0, 1.0, 0.5)
 SPEED = 3.0

@@ -2,8 +2,9 @@
 
 import math
 
-from diffbot_control.law import controller
-from diffbot_control.law.controller import new_memory
+from diffbot_control.law import switching
+from diffbot_control.law.law import CONTACT_UNKNOWN, Observation
+from diffbot_control.law.switching import new_memory
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import CERTAIN, Estimate
@@ -13,9 +14,9 @@ ORIGIN = Pose(0.0, 0.0, 0.0)
 MS = 0.001
 
 
-def step(memory, pose, goal, dt, config, uncertainty=CERTAIN):
-    """Step with the pose and its uncertainty side by side."""
-    return controller.step(memory, Estimate(pose, uncertainty), goal, dt, config)
+def seen(pose, uncertainty=CERTAIN, dt=T_S, period=T_S):
+    """Return what a law is told of a pose."""
+    return Observation(Estimate(pose, uncertainty), dt, period, CONTACT_UNKNOWN)
 
 
 class Robot:
@@ -59,7 +60,8 @@ class Run:
             present = uncertainty(step) if callable(uncertainty) else uncertainty
             self.poses.append(self.robot.pose)
             dt = period if step else 0.0
-            memory, command, report = controller.step(memory, Estimate(self.robot.pose, present), ORIGIN, dt, config)
+            observation = seen(self.robot.pose, present, dt, period)
+            memory, command, report = switching.step(memory, observation, ORIGIN, config)
             self.memories.append(memory)
             self.commands.append(command)
             self.reports.append(report)

@@ -34,10 +34,14 @@ def heading(time=START, theta=0.6):
     return message
 
 
-def odometry(time, v=0.4, omega=0.1):
+def odometry(time, v=0.4, omega=0.1, pose=None):
+    """Return an odometry; by default its pose is that of a robot which has driven with this twist since START."""
     message = timed(Odometry(), time)
     message.header.frame_id, message.child_frame_id = "odom", "base_link"
-    message.pose.pose.orientation.w = 1.0
+    theta = omega * (time - START)
+    chord = v * (time - START) * np.sinc(0.5 * theta / math.pi)
+    x, y = chord * math.cos(0.5 * theta), chord * math.sin(0.5 * theta)
+    message.pose.pose = pose_stamped(*(pose or (x, y, math.remainder(theta, math.tau)))).pose
     message.twist.twist.linear.x, message.twist.twist.angular.z = v, omega
     message.twist.covariance[[0, 5, 30, 35]] = VARIANCES[0], VARIANCES[1], VARIANCES[1], VARIANCES[2]
     return message

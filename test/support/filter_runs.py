@@ -1,19 +1,29 @@
-"""A robot of its own for the tests of the filter: truth, wheel speeds and fixes, without the simulator's code."""
+"""An independent model of robot and sensors for the tests of the filter, and a Kalman filter in its short form."""
 
 import math
 
 import numpy as np
 
-from diffbot_control.filter.gated_filter import GatedFilter
-from diffbot_control.filter.measurements import Heading, LandmarkMeasurement, PoseFix
-from diffbot_control.filter.models import Motion
-from diffbot_control.filter.odometry import OdometryStep
-from diffbot_control.filter.options import FilterConfig, options_of
+from diffbot_control.filter import state
+from diffbot_control.filter.config import FilterConfig, LocalizationConfig, options_of
+from diffbot_control.filter.models import (
+    BEARING,
+    HEADING,
+    LANDMARK,
+    NO_RATE,
+    POSE_FIX,
+    POSITION_FIX,
+    RANGE,
+    Motion,
+    Reading,
+)
 from diffbot_core.geometry import Point, Pose
 from diffbot_core.kinematics import Twist, TwistCovariance
 
 SEPARATION = 0.6
 R_FIX = np.diag([0.03, 0.03, 0.01])
+ROWS = {POSE_FIX: [0, 1, 2], POSITION_FIX: [0, 1], HEADING: [2], LANDMARK: [0, 1], RANGE: [0], BEARING: [1]}
+"""Rows that each kind measures: of the pose, or of range and bearing."""
 
 
 def wrapped(angle):
@@ -34,52 +44,91 @@ def covariance(rng, size, low=0.1, high=1.0):
     return 0.5 * (found + found.T)
 
 
-def build_motion(v, omega, dt, var_v, cov_v_omega, var_omega):
-    return Motion(Twist(v, omega), dt, TwistCovariance(var_v, cov_v_omega, var_omega))
+def build_motion(v, omega, dt, var_v, cov_v_omega, var_omega, *, rate=NO_RATE, lateral=0.0):
+    return Motion(Twist(v, omega), dt, TwistCovariance(var_v, cov_v_omega, var_omega), rate, lateral)
 
 
-def odometry_step(stamp, twist, var_v, cov_v_omega, var_omega):
-    return OdometryStep(stamp, twist, TwistCovariance(var_v, cov_v_omega, var_omega))
+def options(landmarks=(), **values):
+    """Return the numbers of a configuration of the filter."""
+    return options_of(LocalizationConfig(filter=FilterConfig(**values)), SEPARATION, landmarks)
 
 
-def build_measurement(stamp, z, R, landmark=None):
-    """Return the measurement of an array: (3,) a fix, (1,) a heading, (2,) range and bearing of a landmark."""
-    numbers = [float(one) for one in z]
-    if landmark is not None:
-        return LandmarkMeasurement(stamp, *numbers, R, Point(*landmark))
-    return PoseFix(stamp, Pose(*numbers), R) if len(numbers) == 3 else Heading(stamp, *numbers, R)
-
-
-def numbers_of(measured):
-    """Return the measured numbers as an array: (3,), (1,) or (2,)."""
-    if isinstance(measured, LandmarkMeasurement):
-        return np.array([measured.range, measured.bearing])
-    return np.array(measured.pose if isinstance(measured, PoseFix) else [measured.theta])
-
-
-def gated_filter(variant, pose=(0.0, 0.0, 0.0), P=R_FIX, **options):
-    """Return a filter of a variant that starts at a pose."""
-    found = GatedFilter(options_of(FilterConfig(filter=variant, **options)), SEPARATION)
-    found.reset_to(Pose(*pose), P)
+def started(numbers, pose=(0.0, 0.0, 0.0), P=R_FIX, landmarks=0):
+    """Return a filter that starts at a pose."""
+    found = state.new_filter(numbers, landmarks)
+    state.start(found, Pose(*pose), P)
     return found
 
 
-def fix(x, y=0.0, theta=0.0, R=R_FIX):
-    return build_measurement(0, [x, y, theta], R)
+def reading(kind, z, R, time=0.0, at=(0.0, 0.0), place=None):
+    """Return a measurement of the source that its kind has; landmarks are the third source."""
+    source = {POSE_FIX: 0, POSITION_FIX: 0, HEADING: 1}.get(kind, 2)
+    return Reading(kind, source, source if place is None else place, time, np.array(z, float), R, Point(*at))
 
 
-def heading(theta, variance=0.01):
-    return build_measurement(0, [theta], np.array([[variance]]))
+def fix(x, y=0.0, theta=0.0, R=R_FIX, time=0.0):
+    return reading(POSE_FIX, [x, y, theta], R, time)
 
 
-def landmark(pose, point, R):
-    """Return range and bearing as they are without an error."""
-    dx, dy = point[0] - pose[0], point[1] - pose[1]
-    return build_measurement(0, [math.hypot(dx, dy), wrapped(math.atan2(dy, dx) - pose[2])], R, point)
+def body_twist(x, motion):
+    """Twist of the body and its covariance: rims of wrong wheels, then conditioned on the turn rate of a gyro."""
+    left, right, separation = [*x[3:6], 0.0, 0.0, 0.0][:3]
+    v, omega = motion.twist
+    rims = (v - 0.5 * omega * SEPARATION) * (1.0 + left), (v + 0.5 * omega * SEPARATION) * (1.0 + right)
+    twist = np.array([0.5 * sum(rims), (rims[1] - rims[0]) / (SEPARATION * (1.0 + separation))])
+    var_v, cov, var_omega = motion.covariance
+    M = np.array([[var_v, cov], [cov, var_omega]])
+    if math.isfinite(motion.rate.variance):
+        K = M[:, 1] / (M[1, 1] + motion.rate.variance)
+        twist = twist + K * (motion.rate.value - (x[6] if len(x) > 6 else 0.0) - twist[1])
+        M = M - np.outer(K, M[1])
+    return twist, M
 
 
-def straight(v=0.0, dt=0.1, variance=1e-4):
-    return build_motion(v, 0.0, dt, variance, 0.0, variance)
+def midpoint(pose, twist, dt):
+    """Move along the heading halfway."""
+    way = twist[0] * dt * np.exp(1j * (pose[2] + 0.5 * twist[1] * dt))
+    return np.array([pose[0] + way.real, pose[1] + way.imag, pose[2] + twist[1] * dt])
+
+
+def moved(x, motion):
+    """Return the whole state after a motion; the heading is not wrapped."""
+    return np.array([*midpoint(x[:3], body_twist(x, motion)[0], motion.dt), *x[3:]])
+
+
+def process_noise(x, motion):
+    """Return the covariance (n, n) that a motion adds, by differences; walks of errors are not in it."""
+    twist, M = body_twist(x, motion)
+    G = jacobian(lambda u: midpoint(x[:3], u, motion.dt), twist)
+    middle = x[2] + 0.5 * twist[1] * motion.dt
+    across = np.array([-math.sin(middle), math.cos(middle), 0.0])
+    Q = np.zeros((len(x), len(x)))
+    Q[:3, :3] = G @ M @ G.T + motion.lateral * np.outer(across, across)
+    return Q
+
+
+def measured(kind, x, point=(0.0, 0.0)):
+    """Return the numbers of a measurement without an error; angles are not wrapped but near the last state's."""
+    if kind in (POSE_FIX, POSITION_FIX, HEADING):
+        return np.array(x)[ROWS[kind]]
+    offset, scale, turned = x[7:10]
+    seen = complex(point[0] - x[0], point[1] - x[1]) * np.exp(-1j * x[2])
+    return np.array([(1.0 + scale) * abs(seen) + offset, np.angle(seen) + turned])[ROWS[kind]]
+
+
+def textbook(x, P, y, H, R):
+    """Return Kalman's update in its short form: mean and covariance after an innovation ``y``, and its NIS."""
+    S = H @ P @ H.T + R
+    K = P @ H.T @ np.linalg.inv(S)
+    return x + K @ y, P - K @ S @ K.T, y @ np.linalg.solve(S, y)
+
+
+def assert_state(found, x, P, tolerance=1e-9):
+    away = found.x - x
+    away[2] = wrapped(away[2])
+    np.testing.assert_allclose(away, 0.0, atol=tolerance)
+    assert -math.pi < found.x[2] <= math.pi
+    np.testing.assert_allclose(found.P, P, rtol=1e-7, atol=tolerance)
 
 
 class Robot:
@@ -104,15 +153,14 @@ class Robot:
         v, omega = 0.5 * (left + right), (right - left) / SEPARATION
         x, y, theta = self.truth.tolist()
         end = theta + omega * self.dt
-        radius = v / omega
-        turned = radius * (math.sin(end) - math.sin(theta)), radius * (math.cos(theta) - math.cos(end))
-        self.truth = np.array([x + turned[0], y + turned[1], wrapped(end)])
+        way = v / omega * (np.exp(1j * end) - np.exp(1j * theta)) / 1j
+        self.truth = np.array([x + way.real, y + way.imag, wrapped(end)])
 
-    def fix(self, factor=1.0, offset=(0.0, 0.0, 0.0)):
-        """Measure the pose with errors of covariance R_FIX; it claims ``factor`` times that."""
-        z = self.truth + np.sqrt(R_FIX.diagonal()) * self.rng.normal(size=3) + offset
-        z[2] = wrapped(z[2])
-        return build_measurement(0, z, factor * R_FIX)
+    def error(self, x):
+        """Return the error (3,) of a state."""
+        e = np.array(x[:3]) - self.truth
+        e[2] = wrapped(e[2])
+        return e
 
 
 def winding(step):

@@ -17,7 +17,7 @@ import time
 from pathlib import Path
 
 import diffbot_control
-from diffbot_core.private_folders import runtime_folder
+from diffbot_core.files import runtime_folder
 
 MODULES = {
     "plant": "diffbot_sim.plant_node",
@@ -61,7 +61,7 @@ def _locked_domain():
     """Return a domain and the open lock file that keeps it; of those that no one uses, the one left longest ago."""
     ports = _udp_ports()
     folder = runtime_folder()
-    # The same locks as in diffbot_tools.demo.processes: a program under test takes no domain of another test.
+    # The same locks as in diffbot_tools.processes: a program under test takes no domain of another test.
     names = {domain: folder / f"domain-{domain}.lock" for domain in DOMAINS}
     left = {domain: path.stat().st_mtime if path.exists() else 0.0 for domain, path in names.items()}
     for domain in sorted(DOMAINS, key=left.get):

@@ -4,7 +4,7 @@ import contextlib
 from functools import partial
 
 import one_process
-from geometry_msgs.msg import Twist, TwistStamped
+from geometry_msgs.msg import TwistStamped
 from lockstep_drive import take_what_is_under_way
 from robot import DEEP, LOCKSTEP, TOPICS, Robot
 
@@ -32,13 +32,13 @@ class Inside(Robot):
 
 
 @contextlib.contextmanager
-def inside(plant=None, ekf=None, controller=None, arguments=(), *, stamped=False):
+def inside(plant=None, ekf=None, controller=None, arguments=()):
     """Run filter, controller and plant while the ``with`` block lasts, see robot.lockstep; ``arguments`` are of all."""
     given = {"plant": plant, "ekf": ekf, "controller": controller}
     given = {name: {**LOCKSTEP[name], **(one or {})} for name, one in given.items()}
     with one_process.nodes() as nodes:
         running = Inside(None, nodes.peer, "")
-        running.commands = nodes.peer.subscribe(TwistStamped if stamped else Twist, "cmd_vel", DEEP)
+        running.commands = nodes.peer.subscribe(TwistStamped, "cmd_vel", DEEP)
         ekf_node = nodes.add(EkfNode, given["ekf"], arguments)
         nodes.add(partial(RobotControllerNode, ekf_node), given["controller"], arguments)
         nodes.add(PlantNode, given["plant"], arguments)

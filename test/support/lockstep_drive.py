@@ -6,8 +6,8 @@ from robot import planar, stamp, turned
 from diffbot_control.law.presets import PRESETS
 from diffbot_core.geometry import Pose
 from diffbot_core.schema import build
-from diffbot_sim.model.simulator import WorldConfig
-from diffbot_sim.reference_loop import simulate
+from diffbot_sim.config import WorldConfig
+from diffbot_sim.simulation import simulate
 
 STEPS = 120
 START = 1000 * 10**9
@@ -17,12 +17,6 @@ PERIOD = 100_000_000
 def true_path(messages, start=START):
     """Poses by step."""
     return {(stamp(message) - start) // PERIOD: planar(message.pose.pose) for message in messages}
-
-
-def repeated(messages, times):
-    """Stamp of the newest message if it came this often, else 0."""
-    newest = [stamp(message) for message in messages[-times:]]
-    return newest[0] if len(newest) == times and len(set(newest)) == 1 else 0
 
 
 def go(robot, goal, steps=STEPS):
@@ -50,7 +44,7 @@ def take_what_is_under_way(robot):
 
 
 def assert_same_path(path, goal, world, steps=STEPS, tolerance=1e-9, moved=0.3):
-    reference = simulate(build(WorldConfig, world), PRESETS["tuned"], Pose(*goal), steps).truth
+    reference = simulate(build(WorldConfig, world), PRESETS["tuned"].config, Pose(*goal), steps).truth
     seen = sorted(step for step in path if step <= steps)
     # One or two at the start may pass before the test's node is known, none later.
     assert min(seen) <= 2

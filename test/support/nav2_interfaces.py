@@ -36,6 +36,17 @@ builtin_interfaces/Duration estimated_time_remaining
 int16 number_of_recoveries
 float32 distance_remaining
 """
+_PATH_ERRORS = """\
+uint16 NONE=0
+uint16 UNKNOWN=100
+uint16 INVALID_CONTROLLER=101
+uint16 TF_ERROR=102
+uint16 INVALID_PATH=103
+uint16 PATIENCE_EXCEEDED=104
+uint16 FAILED_TO_MAKE_PROGRESS=105
+uint16 NO_VALID_CONTROL=106
+uint16 CONTROLLER_TIMED_OUT=107
+"""
 _DOCK_ERRORS = """\
 uint16 NONE=0
 uint16 DOCK_NOT_IN_DB=901
@@ -79,6 +90,11 @@ ACTIONS = {
         "geometry_msgs/PoseStamped[] poses\nstring behavior_tree\n"
         f"---\n{_RESULT}---\n{_FEEDBACK}int16 number_of_poses_remaining\n"
     ),
+    "FollowPath": (
+        "nav_msgs/Path path\nstring controller_id\nstring goal_checker_id\nstring progress_checker_id\n"
+        f"---\n{_PATH_ERRORS}std_msgs/Empty result\nuint16 error_code\nstring error_msg\n"
+        "---\nfloat32 distance_to_goal\nfloat32 speed\n"
+    ),
     "DockRobot": (
         f"{_DOCK_GOAL}---\n{_DOCK_ERRORS}{_DOCK_RESULT}uint16 num_retries 0\nstring error_msg\n---\n{_DOCK_FEEDBACK}"
     ),
@@ -98,7 +114,8 @@ GENERATORS = (
 )
 """Package, function and further arguments; each writes its sources beside the others'."""
 LIBRARIES = (
-    "action_msgs", "builtin_interfaces", "geometry_msgs", "service_msgs", "std_msgs", "unique_identifier_msgs",
+    "action_msgs", "builtin_interfaces", "geometry_msgs", "nav_msgs", "service_msgs", "std_msgs",
+    "unique_identifier_msgs",
 )  # fmt: skip
 PARTS = ("rosidl_generator_c", "rosidl_generator_py", "rosidl_typesupport_c", *TYPE_SUPPORTS)
 RUNTIME = (

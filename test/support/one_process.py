@@ -5,7 +5,7 @@ import contextlib
 import graph
 from rclpy.parameter import Parameter
 
-from diffbot_core.ros.node import make_executor
+from diffbot_core.ros.run import make_executor
 
 
 class Nodes:

@@ -7,7 +7,7 @@ import tempfile
 from pathlib import Path
 
 import diffbot_core
-from diffbot_core.distribution import DISTRIBUTION
+from diffbot_core.installed import DISTRIBUTION
 
 SITE = Path(diffbot_core.__file__).parents[1]
 AUDIT = """

@@ -22,10 +22,10 @@ class Recorder:
     """A recorder on the executor of the test's own node, and its reports."""
 
     def __init__(self, nodes, folder, arguments=(), **parameters):
-        """Start it with these parameters; it looks for topics every 50 ms."""
+        """Start it with these parameters."""
         self.nodes, self.peer = nodes, nodes.peer
         self.reports = nodes.peer.subscribe(DiagnosticStatus, "/recorder/status", LATCHED)
-        parameters = {"uri": str(folder), "topic_polling_interval": 0.05, **parameters}
+        parameters = {"uri": str(folder), **parameters}
         self.node = nodes.add(RecorderNode, parameters, arguments)
 
     def value(self, key):

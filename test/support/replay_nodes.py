@@ -17,18 +17,19 @@ class Replay:
         for topic, (kind, qos) in subscribed.items():
             nodes.peer.node.create_subscription(kind, topic, self._append(topic), qos, raw=True)
         self.reports = nodes.peer.subscribe(DiagnosticStatus, "/replay/status", LATCHED)
-        waits = {"wait_for_topics": self.topics or ["/none"], "wait_timeout": 60.0, "wait_acked_timeout": 60.0}
-        given = {"uri": str(uri), "start_paused": True, "disable_keyboard_controls": True, **waits, **parameters}
-        self.node = nodes.add(ReplayNode, given, arguments)
+        given = {"uri": str(uri), "start_paused": True, "disable_keyboard_controls": True, "wait_timeout": 0.0}
+        self.node = nodes.add(ReplayNode, given | parameters, arguments)
 
     def __enter__(self):
         self.peer.wait_for_publishers(*self.topics)
+        for topic in self.topics:
+            (publisher,) = [one for one in self.node.publishers if one.topic_name == topic]
+            self.peer.spin_until(publisher.get_subscription_count, what=f"a subscriber of {topic}")
         return self
 
     def __exit__(self, *_):
-        if self.node is not None:
-            self.node.before_shutdown()
-            self.nodes.remove(self.node)
+        self.node.before_shutdown()
+        self.nodes.remove(self.node)
 
     def _append(self, topic):
         return lambda data: self.messages.append((topic, bytes(data)))

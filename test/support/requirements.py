@@ -23,7 +23,6 @@ PACKAGES = {
     "packaging": "packaging",
     "pandas": "pandas",
     "playwright": "playwright",
-    "pyarrow": "pyarrow",
     "rosbags": "rosbags",
     "websockets": "websockets",
 }
@@ -41,10 +40,10 @@ INSTALLED = "real"
 AMCL = "nav2_amcl"
 """ROS package that an overlay or installation may lack; test_amcl.py needs it."""
 AT_RUN_TIME = {
-    "diffbot_tools.calibration.likelihood": {"numba"},
-    "diffbot_sim.compiled.jit": {"numba"},
+    "diffbot_tools.calibration.kernel": {"numba"},
+    "diffbot_sim.jit": {"numba"},
     "test.core.test_schema": {"numba"},
-    "test.lab.campaign.test_runner": {"distributed", "pyarrow"},
+    "test.lab.campaign.test_runner": {"distributed"},
     "test.tools.view.test_map_marks": {"playwright"},
 }
 """What modules need that they import in a function, by name or in a program that they start."""

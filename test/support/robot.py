@@ -2,16 +2,19 @@
 
 import contextlib
 import math
+import time
 
 import graph
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist, TwistStamped
-from nav_msgs.msg import Odometry
+from nav_msgs.msg import Odometry, Path
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_srvs.srv import SetBool, Trigger
+
+from diffbot_control.goals import goal_id
 
 SIMULATED = {"use_sim_time": True}
 ON_TRUTH, TRUE_POSES = {"pose_source": "odometry"}, ("-r", "controller:odometry/filtered:=ground_truth")
@@ -27,9 +30,15 @@ def kept(*topics):
 
 
 LOCKSTEP = {
-    "plant": {"clock": "lockstep", "start_paused": True, "start_time": 1000.0, **kept("/ground_truth", "/clock")},
+    "plant": {
+        **{"clock": "lockstep", "start_paused": True, "start_time": 1000.0, "cmd_vel_type": "twist_stamped"},
+        **kept("/ground_truth", "/clock"),
+    },
     "ekf": {"reliable_inputs": True, **SIMULATED, **kept("/pose")},
-    "controller": {"publish_when_idle": True, "reliable_inputs": True, **SIMULATED, **kept("/cmd_vel")},
+    "controller": {
+        **{"publish_when_idle": True, "reliable_inputs": True, "cmd_vel_type": "twist_stamped"},
+        **{**SIMULATED, **kept("/cmd_vel")},
+    },
 }
 """Parameters of a robot that runs as fast as it goes."""
 TOPICS = {
@@ -59,6 +68,17 @@ def pose_stamped(x, y, theta, frame="map"):
     message.pose.position.x, message.pose.position.y = float(x), float(y)
     message.pose.orientation.z, message.pose.orientation.w = math.sin(theta / 2), math.cos(theta / 2)
     return message
+
+
+def stamped_goal(*poses, frame="map", at=None):
+    """Return the id of a new goal, or of a path of several poses, and its message; ``at`` [ns] is its stamp."""
+    at = time.time_ns() if at is None else at
+    message = (
+        pose_stamped(*poses[0], frame) if len(poses) == 1 else Path(poses=[pose_stamped(*one, frame) for one in poses])
+    )
+    message.header.frame_id = frame
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(at, 10**9)
+    return goal_id(frame, at), message
 
 
 def distance(pose, goal):
@@ -230,7 +250,7 @@ def on_truth(plant=None, controller=None, **options):
 def lockstep(plant=None, ekf=None, controller=None, **options):
     """Run a robot as fast as it goes; it stands still until ``pause(False)``."""
     given = {"plant": plant, "ekf": ekf, "controller": controller}
-    return robot(**{name: {**LOCKSTEP[name], **(one or {})} for name, one in given.items()}, **options)
+    return robot(**{name: {**LOCKSTEP[name], **(one or {})} for name, one in given.items()}, stamped=True, **options)
 
 
 def twist(command):

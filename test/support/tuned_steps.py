@@ -3,22 +3,23 @@
 import math
 
 import numpy as np
+from noise_rows import noise_row
 
-from diffbot_control.law.configuration import ControllerConfig
-from diffbot_control.law.polar_coordinates import navigation_variables
-from diffbot_control.law.steering import FRONT, drive_and_hold, drive_and_steer, led_by
+from diffbot_control.law.configuration import SwitchingConfig
+from diffbot_control.law.steering import FRONT, drive_and_steer, led_by, navigation_variables
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import Twist
-from diffbot_lab.stability.plan import Contract, Plan
-from diffbot_sim.model.philox import Draw
-from diffbot_sim.model.plant import PlantConfig, new_plant, plant_step
+from diffbot_lab.stability.plan import Contract, Plan, requesting
+from diffbot_sim.config import PlantConfig
+from diffbot_sim.plant import new_plant, plant_step
 
-CONFIG = ControllerConfig()
-GAINS, SHEET = CONFIG.profile_gains, CONFIG.data_sheet
+CONFIG = SwitchingConfig()
 CONTRACT = Contract(sigma_max=0.05, eps_v=0.02, eps_omega=0.05)
 PLAN = Plan(CONTRACT)
-SLOWING = CONTRACT.sigma_max * GAINS.sigma_known / (CONFIG.tolerance.xy_goal_tolerance / 3.0)
-"""the largest deviation as the law is given it: a third of the tolerance is as good as known"""
+LAW = requesting(CONFIG, PLAN)
+SHEET = CONFIG.data_sheet
+SLOWING = CONTRACT.sigma_max / CONFIG.sigma_known
+"""the largest deviation in units of the one to arrive with"""
 PLANT = PlantConfig()
 
 
@@ -26,7 +27,7 @@ def moved(rng, pose, command):
     """Return the pose after a step with the largest error of each wheel, and of the base."""
     left, right, more, direction = *rng.choice([-1.0, 1.0], 3), rng.uniform(-math.pi, math.pi)
     turning = Twist(command.v, command.omega + more * CONTRACT.eps_omega)
-    after = plant_step(new_plant(pose), turning, Draw(left, right, 0.0, 0.0), PLANT).pose
+    after = plant_step(new_plant(pose), turning, noise_row(left, right), PLANT).pose
     beside = PLANT.sampling_time * CONTRACT.eps_v
     return Pose(after.x + beside * math.cos(direction), after.y + beside * math.sin(direction), after.theta)
 
@@ -45,15 +46,5 @@ def random_step(rng, box, leading):
     pose = Pose(-r * math.cos(b + turned), -r * math.sin(b + turned), wrap_angle(b - a))
     errors = np.sign(rng.uniform(-1.0, 1.0, 3)) * rng.choice([1.0, rng.uniform()])
     seen = led_by(navigation_variables(measured(pose, errors)), leading)
-    command = drive_and_steer(seen, SLOWING * rng.uniform(), leading, GAINS, SHEET)
+    command = drive_and_steer(seen, SLOWING * rng.uniform(), leading, LAW.gains, SHEET)
     return led_by(navigation_variables(moved(rng, pose, command)), leading)
-
-
-def random_local_distance(rng, rho, alpha):
-    """Drive a step of Omega_L from this distance and bearing with any beta; return the distance after it."""
-    beta = rng.uniform(-math.pi, math.pi)
-    pose = Pose(-rho * math.cos(beta), -rho * math.sin(beta), wrap_angle(beta - alpha))
-    seen = measured(pose, rng.choice([-1.0, 0.0, 1.0], 3))
-    command = drive_and_hold(navigation_variables(seen), seen.theta, 0.0, GAINS, SHEET)
-    after = moved(rng, pose, command)
-    return math.hypot(after.x, after.y)

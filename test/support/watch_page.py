@@ -25,8 +25,8 @@ class Client:
         )
         self.robot, self.shared = {}, {}
         """newest rows of the robot, and what concerns all"""
-        self.status = {}
-        """words of the robot's state"""
+        self.state = [0.0, 0, ""]
+        """time, level and words of the robot's state"""
         self.events = []
         """[time, kind, level, text] of all robots, oldest first"""
 
@@ -40,7 +40,7 @@ class Client:
             self.shared |= message
             for one in message["robots"].values():
                 self.robot |= one.get("rows", {})
-                self.status |= one.get("status", {})
+                self.state = one.get("state", self.state)
         elif message["type"] == "events":
             self.events += message["events"]
 

@@ -16,13 +16,15 @@ import view_bags
 from diffbot_core.errors import DiffbotError
 from diffbot_tools import cli
 from diffbot_tools.arguments import OUTPUTS, check_outputs
-from diffbot_tools.goal_command import used_domains
+from diffbot_tools.drive import used_domains
 
 WRONG = {
     "a goal without yaw": ["goal", "1", "2"],
+    "degrees for radians": ["goal", "1", "1", "90"],
+    "no angle": ["dock", "1", "1", "--timeout", "north"],
     "unknown command": ["dance"],
     "no time": ["bag", "trim", "a", "b", "--from", "yesterday"],
-    "twice": ["bag", "merge", "a", "./a", "b"],
+    "a merge of one bag": ["bag", "merge", "a", "b"],
 }
 
 
@@ -37,8 +39,8 @@ def test_wrong_usage_is_status_2_with_the_usage(arguments, capsys):
 
 
 def test_an_error_of_a_node_is_one_line_and_status_1(kept_signal_handlers, capfd):
-    assert cli.main(["run", "controller", "--ros-args", "-p", "gamma:=-1.0"]) == 1
-    assert capfd.readouterr().err == "error: /controller: gamma = -1.0: must be >= 1e-06 and <= 1000\n"
+    assert cli.main(["run", "controller", "--with", "plant", "--ros-args", "-p", "sigma_known:=-1.0"]) == 1
+    assert capfd.readouterr().err == "error: /controller: sigma_known = -1.0: must be >= 0.0001 and <= 10\n"
 
 
 def test_replay_passes_bags_and_flags_on_as_parameters(kept_signal_handlers, monkeypatch):
@@ -59,8 +61,8 @@ def test_a_name_that_no_node_has_is_an_error_in_one_line(kept_signal_handlers, c
 
 def test_the_command_line_and_the_launchers_of_nodes_start_without_heavy_libraries():
     """A goal is sent at once: scipy alone takes longer to load than the controller to answer."""
-    rooms = ", ".join(f"diffbot_{room}.executables" for room in ("bag", "control", "sim", "tools"))
-    program = f"import sys, diffbot_tools.cli, {rooms}; print(*{{m.partition('.')[0] for m in sys.modules}})"
+    modules = "sys, diffbot_tools.cli, diffbot.executables"
+    program = f"import {modules}; print(*{{m.partition('.')[0] for m in sys.modules}})"
     loaded = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True)
     heavy = {"scipy", "filterpy", "numpy", "matplotlib", "numba", "pandas", "rclpy"}
     assert heavy & set(loaded.stdout.split()) == set()
@@ -84,7 +86,7 @@ def test_outputs_of_every_command_are_checked_before_its_work(tmp_path, capsys):
                     options = Namespace(**{action.dest: path})
                     with pytest.raises(DiffbotError, match="is a bag"):
                         check_outputs(options)
-    assert {"bag check write", "report out", "campaign out", "stability certify out", "watch record"} <= checked
+    assert {"report out", "campaign out", "stability certify out", "watch record"} <= checked
     for path in before:
         assert cli.main(["report", str(bag), "-o", str(path)]) == 1
         assert capsys.readouterr().err == f"diffbot: cannot write to {path}: {bag} is a bag\n"
@@ -112,3 +114,11 @@ def test_domains_are_those_of_the_discovery_ports():
     ports = (7400, 7400 + 250 * 42 + 10, 7400 + 250 * 7 + 12, 53, 60000)
     rows = [f"  {n}: 00000000:{port:04X} 00000000:0000 07" for n, port in enumerate(ports)]
     assert used_domains("\n".join(["  sl  local_address rem_address", *rows])) == [0, 42]
+
+
+def test_a_reader_that_leaves_ends_the_command_without_a_traceback():
+    command = f"{shlex.quote(sys.executable)} -m diffbot_tools.cli robot drive turtlebot4 --goals 1 --out /dev/full"
+    script = f"set -o pipefail; {command} | head -n 0; echo $?"
+    done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=False)
+    assert "Traceback" not in done.stderr
+    assert "BrokenPipe" not in done.stderr

@@ -1,7 +1,8 @@
-"""The client of the service ~/send_goal: a goal that cannot get lost, and its end.
+"""A client of the controller: it sends a goal until the controller has accepted it, and reports how the goal ends.
 
-A request is repeated until it is answered; it carries the goal's id, so the controller takes it once. The end comes
-on ~/goal_results, whose newest message holds the last ends; without news, the controller is asked.
+A goal is a message on goal_pose or path, identified by its frame and stamp. The client repeats the message until the
+goal is in ~/goal_status, which is latched; the controller accepts it once. The end comes on ~/goal_results, which is
+latched, too.
 """
 
 from __future__ import annotations
@@ -12,33 +13,37 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import rclpy
+from action_msgs.msg import GoalStatusArray
 from action_msgs.srv import CancelGoal
 from builtin_interfaces.msg import Duration
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
-from rcl_interfaces.srv import SetParametersAtomically
+from nav_msgs.msg import Path
+from rclpy.event_handler import SubscriptionEventCallbacks, UnsupportedEventTypeError
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from diffbot_control.goals import goal_record
-from diffbot_control.ros.controller_watch import ControllerWatch
-from diffbot_control.ros.goals.request import goal_request, new_goal_id
+from diffbot_control.goals.record import REFUSED, RESTART_TIMEOUT, end_text, goal_id
 from diffbot_control.ros.messages.conversions import goal_message
 from diffbot_control.ros.messages.fields import fill_duration
 from diffbot_core.errors import DiffbotError
 from diffbot_core.geometry import Pose
-from diffbot_core.ros.node import LATCHED, QUEUE
+from diffbot_core.ros.qos import LATCHED, QUEUE, STATUS
 
 LOST = "lost"
-"""End of a goal whose controller is gone, or no longer knows it, since it was restarted."""
-ANSWER_TIMEOUT = 1.0
-"""[s] after which a request is repeated: an answer can be lost while both sides discover each other."""
-_POLL_PERIOD = 2.0
-"""[s] without news after which the controller is asked for the state of the goal."""
+"""End of a goal whose controller is gone, or was restarted and does not know the goal."""
+REPEAT_PERIOD = 1.0
+"""[s] after which a message or a request is repeated, because it can be lost during discovery."""
+SILENCE = 10.0
+"""[s] time without any message after which a controller counts as dead even if DDS has not reported its end"""
+DELAY = 1.0
+"""[s] largest delay of a message of a living controller"""
+_PAUSE = 0.5
+"""[s] largest time between two checks of a client that handles its messages"""
 _SPIN = 0.02
-_SEND, _SEND_TYPE = "/send_goal", "rcl_interfaces/srv/SetParametersAtomically"
-"""End of the name, and type, of the service of every controller"""
+_STATES, _STATES_TYPE = "/goal_status", "action_msgs/msg/GoalStatusArray"
+"""End of the name, and type, of a topic of every controller"""
 
 
 class GoalRefusedError(DiffbotError):
@@ -49,8 +54,8 @@ class NoControllerError(DiffbotError):
     """No controller answers."""
 
 
-class Feedback(NamedTuple):
-    """The fields of NavigateThroughPoses' feedback."""
+class TaskFeedback(NamedTuple):
+    """The fields of the feedback of NavigateThroughPoses and FollowWaypoints."""
 
     current_pose: PoseStamped
     navigation_time: Duration
@@ -59,27 +64,35 @@ class Feedback(NamedTuple):
     """[m] along straight lines"""
     number_of_poses_remaining: int
     number_of_recoveries: int = 0
+    current_waypoint: int = 0
+    """number from 0 of the waypoint that ``followWaypoints`` drives to"""
 
 
-class Task:
+class GoalTask:
     """A goal that was sent."""
 
     def __init__(self, goal_id: str = "") -> None:
-        """Start without news; an empty id stands for no goal."""
+        """Start without a result; an empty id stands for no goal."""
         self.id = goal_id
         self.end = ""
-        """one of goal_record.ENDS or LOST; empty before the end"""
+        """one of record.ENDS or LOST; empty before the end"""
         self.reason = ""
-        """of the end, where there is more to say"""
-        self.feedback: Feedback | None = None
-        self.is_sent = False
-        """the controller may have received it"""
+        """reason of the end; may be empty"""
+        self.elapsed = math.nan
+        """[s] from the acceptance to the end, by the controller; nan where it does not report the end"""
+        self.feedback: TaskFeedback | None = None
+        self.is_sent = self.is_accepted = False
+        """the controller may have received the goal; the controller has accepted it"""
 
-    def note(self, state: str) -> None:
-        """Take a state as the service answers it."""
-        end, _, reason = state.partition(": ")
-        if end in (*goal_record.ENDS, LOST) and not self.end:
-            self.end, self.reason = end, reason
+    @property
+    def text(self) -> str:
+        """The end in words, with the reason if there is one."""
+        return end_text(self.end, self.reason)
+
+    def close(self, end: str, reason: str, elapsed: float = math.nan) -> None:
+        """Record the end of the goal; only the first end counts."""
+        if not self.end:
+            self.end, self.reason, self.elapsed = end, reason, elapsed
 
 
 class GoalClient(Node):  # type: ignore[misc]
@@ -91,54 +104,62 @@ class GoalClient(Node):  # type: ignore[misc]
         namespace: str = "",
         controller: str = "controller",
         frame: str = "map",
-        restart_timeout: float = goal_record.RESTART_TIMEOUT,
+        restart_timeout: float = RESTART_TIMEOUT,
+        prefix: str = "",
         **node_options: Any,
     ) -> None:
-        """Create the node and its clients.
+        """Create the node, its publishers and subscriptions.
 
         Args:
             node_name: name of this node.
             namespace: namespace of this node and of the robot.
             controller: name of the robot's controller.
             frame: of goals without a frame, and of the poses in the feedback.
-            restart_timeout: [s] for which a controller may be away before its goals are LOST; longer for one whose
-                process or network pauses.
-            node_options: options of rclpy's Node, such as ``context``. Services for its parameters, which it does not
-                have, are left out unless ``start_parameter_services`` asks for them.
+            restart_timeout: [s] grace period before the goals of a controller that disappears are LOST. Set it longer
+                if the controller's process or network pauses.
+            prefix: prefix of the topics goal_pose and path, ``dock/`` for the controller that docks.
+            node_options: options of rclpy's Node, such as ``context``. By default the node has no parameter services.
         """
         node_options.setdefault("start_parameter_services", False)
         super().__init__(node_name, namespace=namespace or None, **node_options)
         self.controller, self.frame = controller, frame
-        self.task = Task()
+        self.task = GoalTask()
         """the newest goal"""
+        self.problem = ""
+        """what hinders the robot at present, as the controller reports it; empty for nothing"""
         self.is_stopped: Callable[[], bool] = lambda: False
-        """asked while waiting; True ends the wait as its timeout would"""
-        self._last_news = 0.0
-        self._question: Any = None
-        self._send = self.create_client(SetParametersAtomically, f"{controller}/send_goal")
+        """called while the client waits; True ends the wait as a timeout does"""
+        self._known: set[str] = set()
+        """ids of the goals in the newest goal_status"""
+        self._restart_timeout = restart_timeout
+        self._lost: float | None = None
+        self._last_sign = self._last_look = time.monotonic()
+        self._goals = self.create_publisher(PoseStamped, f"{prefix}goal_pose", QUEUE)
+        self._paths = self.create_publisher(Path, f"{prefix}path", QUEUE)
         self._cancel = self.create_client(CancelGoal, f"{controller}/cancel_goal")
+        self._states = self.create_subscription(GoalStatusArray, f"{controller}/goal_status", self._on_states, LATCHED)
         self.create_subscription(DiagnosticArray, f"{controller}/goal_results", self._on_results, LATCHED)
         self.create_subscription(DiagnosticStatus, f"{controller}/goal_feedback", self._on_feedback, QUEUE)
-        self._watch = ControllerWatch(self, controller, restart_timeout)
+        self._watch_controller()
         self._executor = SingleThreadedExecutor(context=self.context)
         self._executor.add_node(self)
 
     @classmethod
     def in_own_context(cls, **options: Any) -> Any:
-        """Return a client with a context of its own, which ends with :meth:`close`; signals stay with the caller."""
+        """Return a client with its own context, which :meth:`close` shuts down; no signal handlers are installed."""
         context = rclpy.Context()
         rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
         return cls(context=context, **options)
 
     def close(self, shut_down: bool = True) -> None:
-        """Leave the graph; shut the context down, too, unless others use it."""
+        """Leave the graph, and shut the context down unless others use it."""
         self._executor.shutdown()
         self.destroy_node()
         if shut_down:
             self.context.try_shutdown()
 
     def spin_until(self, condition: Callable[[], Any], timeout: float) -> bool:
-        """Handle messages until ``condition()`` is true; False if it is not within ``timeout`` [s]."""
+        """Handle messages until ``condition()`` is true; return False if it is not within ``timeout`` [s]."""
         deadline = time.monotonic() + timeout
         while not condition():
             if time.monotonic() >= deadline or self.is_stopped() or not self.context.ok():
@@ -147,116 +168,119 @@ class GoalClient(Node):  # type: ignore[misc]
         return True
 
     def wait_until_ready(self, timeout: float = math.inf) -> bool:
-        """Wait until the controller takes goals; False if it does not within ``timeout`` [s]."""
-        return self.spin_until(lambda: self._send.service_is_ready() and self._cancel.service_is_ready(), timeout)
+        """Wait until the controller receives goals; return False if it does not within ``timeout`` [s]."""
+        return self.spin_until(self.is_ready, timeout)
+
+    def is_ready(self) -> bool:
+        """Return True if the controller receives goals."""
+        publishers = self._goals, self._paths
+        return (
+            self._states.get_publisher_count() > 0
+            and all(one.get_subscription_count() > 0 for one in publishers)
+            and self._cancel.service_is_ready()
+        )
 
     def seen_controllers(self) -> list[str]:
-        """Return the full names of all controllers in this domain that take goals, sorted."""
-        found = dict(self.get_service_names_and_types())
-        mine = [name for name, types in found.items() if name.endswith(_SEND) and _SEND_TYPE in types]
-        mine = [name for name in mine if self.count_services(name) > 0]  # clients are listed, too
-        return sorted(name.removesuffix(_SEND) for name in mine)
+        """Return the full names of all controllers in this domain, sorted."""
+        found = dict(self.get_topic_names_and_types())
+        mine = [name for name, types in found.items() if name.endswith(_STATES) and _STATES_TYPE in types]
+        mine = [name for name in mine if self.count_publishers(name) > 0]  # subscribers are listed, too
+        return sorted(name.removesuffix(_STATES) for name in mine)
 
-    def send_goal(self, poses: Sequence[Pose], frame: str = "", timeout: float = math.inf) -> Task:
+    def send_goal(self, poses: Sequence[Pose], frame: str = "", timeout: float = math.inf) -> GoalTask:
         """Send a goal, or a path of several, and wait until it is accepted.
 
         Raises:
-            GoalRefusedError: in one line, if it is refused; ``task`` is the former one then.
-            NoControllerError: in one line, if no controller answers within ``timeout`` [s], or ``is_stopped``; with
-                ``task.is_sent`` the goal may have been accepted all the same, and :meth:`cancel` cancels it.
+            GoalRefusedError: in one line, if the controller refuses the goal; ``task`` is the former task again.
+            NoControllerError: in one line, if no controller answers within ``timeout`` [s], or ``is_stopped``. If
+                ``task.is_sent``, the controller may have accepted the goal nevertheless; :meth:`cancel` cancels it.
         """
-        former, self.task = self.task, Task(new_goal_id())
-        answer = self._ask(goal_request(self.task.id, poses, frame or self.frame), timeout)
-        if not answer.successful:
-            self.task = former
-            raise GoalRefusedError(f"goal refused: {answer.reason}")
-        self._last_news = time.monotonic()
-        self.task.note(answer.reason)
-        return self.task
-
-    def _ask(self, request: SetParametersAtomically.Request, timeout: float) -> Any:
+        # The system's clock even if time is simulated, because the stamp has to identify the goal.
+        frame, stamp = frame or self.frame, time.time_ns()
+        former, self.task = self.task, GoalTask(goal_id(frame, stamp))
+        message: Any = goal_message(poses[0], frame, stamp) if poses else None
+        if len(poses) != 1:
+            message = Path(poses=[goal_message(pose, frame, stamp) for pose in poses])
+            message.header.frame_id = frame
+            if poses:
+                message.header.stamp = message.poses[0].header.stamp
         deadline = time.monotonic() + timeout
-        while (left := deadline - time.monotonic()) > 0.0 and self.spin_until(self._send.service_is_ready, left):
+        while (left := deadline - time.monotonic()) > 0.0 and self.spin_until(self.is_ready, left):
             if self.is_stopped():
                 break
-            future = self._send.call_async(request)
+            (self._goals if len(poses) == 1 else self._paths).publish(message)
             self.task.is_sent = True
-            if self.spin_until(future.done, min(left, ANSWER_TIMEOUT)):
-                return future.result().result
-            self._send.remove_pending_request(future)
-        name = self.resolve_service_name(f"{self.controller}/send_goal")
-        raise NoControllerError(f"no answer from {name}: does the controller run, with the same ROS_DOMAIN_ID?")
+            if self.spin_until(lambda: self.task.is_accepted or self.task.end, min(left, REPEAT_PERIOD)):
+                if self.task.end == REFUSED:
+                    refused, self.task = self.task, former
+                    raise GoalRefusedError(f"goal refused: {refused.reason}")
+                return self.task
+        name = self.resolve_topic_name(f"{self.controller}/goal_status")
+        raise NoControllerError(f"no answer on {name}: does the controller run, with the same ROS_DOMAIN_ID?")
 
     def wait_for_end(self, timeout: float) -> bool:
-        """Handle messages until the newest goal has ended; False if it has not within ``timeout`` [s]."""
+        """Handle messages until the newest goal has ended; return False if it has not within ``timeout`` [s]."""
         return self.spin_until(self._has_ended, timeout) or bool(self.task.end)
 
     def _has_ended(self) -> bool:
-        self._poll()
+        if self.task.id and not self.task.end:
+            if self._is_gone():
+                self.task.close(LOST, "the controller is gone")
+            elif self.task.is_accepted and self.task.id not in self._known:
+                self.task.close(LOST, "the controller was restarted")
         return bool(self.task.end)
 
-    def _poll(self) -> None:
-        """Ask for the state of the goal if nothing was received for long; without a controller, it is lost."""
-        now = time.monotonic()
-        if not self.task.id or self.task.end:
-            return
-        if self._watch.is_gone():
-            self.task.note(f"{LOST}: the controller is gone")
-        if self.task.end or now - self._last_news < _POLL_PERIOD:
-            return
-        self._last_news = now
-        if self._question is not None:
-            self._send.remove_pending_request(self._question)
-        task = self.task
-        self._question = self._send.call_async(goal_request(task.id, (), ""))
-        self._question.add_done_callback(lambda future: self._on_answer(task, future))
-
-    def _on_answer(self, task: Task, future: Any) -> None:
-        response = None if future.cancelled() else future.result()
-        if response is None:
-            return
-        self._last_news = time.monotonic()
-        self._watch.note_sign()
-        task.note(response.result.reason if response.result.successful else f"{LOST}: the controller was restarted")
-
     def cancel(self, timeout: float = 5.0) -> bool:
-        """Cancel the newest goal and wait until it has ended, with the robot at rest; False if it has not in time.
+        """Cancel the newest goal and wait until the robot rests; return False if the goal has not ended in time.
 
-        It may end otherwise at the last moment: ``task.end`` tells.
+        The goal may still end in another way at the last moment, see ``task.end``.
         """
         if not self.task.is_sent:
             return True
         request = CancelGoal.Request()
         request.goal_info.goal_id.uuid = list(bytes.fromhex(self.task.id))
         deadline = time.monotonic() + timeout
-        is_accepted = False
         while not self.task.end and (left := deadline - time.monotonic()) > 0.0 and self.context.ok():
-            if is_accepted or not self.spin_until(self._cancel.service_is_ready, left):
+            if not self.spin_until(self._cancel.service_is_ready, left):
                 self.wait_for_end(left)
                 break
             future = self._cancel.call_async(request)
-            is_accepted = self.spin_until(future.done, min(left, ANSWER_TIMEOUT))
+            answered = self.spin_until(future.done, min(left, REPEAT_PERIOD))
             self._cancel.remove_pending_request(future)
+            # The message of an unknown goal may still arrive.
+            is_known = answered and future.result().return_code != CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID
+            self.wait_for_end(max(deadline - time.monotonic(), 0.0) if is_known else min(left, _PAUSE))
         return bool(self.task.end)
+
+    # What the controller says
+
+    def _on_states(self, message: GoalStatusArray) -> None:
+        self._last_sign = time.monotonic()
+        self._known = {bytes(one.goal_info.goal_id.uuid).hex() for one in message.status_list}
+        self.task.is_accepted = self.task.is_accepted or self.task.id in self._known
 
     def _on_results(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if status.name == self.task.id:
-                reason = next((pair.value for pair in status.values if pair.key == "reason"), "")
-                self.task.note(f"{status.message}: {reason}")
+                values = {pair.key: pair.value for pair in status.values}
+                try:
+                    elapsed = float(values.get("elapsed time [s]", "nan"))
+                except ValueError:  # of another publisher on this topic
+                    elapsed = math.nan
+                self.task.close(status.message, values.get("reason", ""), elapsed)
 
     def _on_feedback(self, message: DiagnosticStatus) -> None:
+        self._last_sign = time.monotonic()
         if message.name != self.task.id:
             return
         try:
             self.task.feedback = self._feedback_of({pair.key: pair.value for pair in message.values})
         except (KeyError, ValueError, TypeError, OverflowError):
-            return  # of another publisher on this topic; the end of the goal is known without it
-        self._last_news = time.monotonic()
+            return  # another publisher uses this topic; the client does not need the feedback
 
-    def _feedback_of(self, values: dict[str, str]) -> Feedback:
+    def _feedback_of(self, values: dict[str, str]) -> TaskFeedback:
         x, y, theta = (float(word) for word in values["pose"].split())
-        feedback = Feedback(
+        feedback = TaskFeedback(
             goal_message(Pose(x, y, theta), self.frame, self.get_clock().now().nanoseconds),
             Duration(),
             Duration(),
@@ -266,3 +290,39 @@ class GoalClient(Node):  # type: ignore[misc]
         fill_duration(feedback.navigation_time, float(values["elapsed time [s]"]))
         fill_duration(feedback.estimated_time_remaining, float(values["estimated time remaining [s]"]))
         return feedback
+
+    # Whether the controller lives
+
+    def _watch_controller(self) -> None:
+        """Subscribe to the status, whose publisher has a lease.
+
+        DDS reports the end of a process that no longer renews its lease, and does not report a busy process. Silence
+        reveals a process that hangs, since the status is published twice a second.
+        """
+        topic = f"{self.controller}/status"
+        events = SubscriptionEventCallbacks(liveliness=self._on_liveliness)
+        try:
+            self.create_subscription(DiagnosticStatus, topic, self._on_status, STATUS, event_callbacks=events)
+        except UnsupportedEventTypeError:
+            self.create_subscription(DiagnosticStatus, topic, self._on_status, STATUS)
+
+    def _on_status(self, message: DiagnosticStatus) -> None:
+        self._last_sign = time.monotonic()
+        self.problem = next((pair.value for pair in message.values if pair.key == "problem"), "")
+
+    def _on_liveliness(self, info: Any) -> None:
+        if info.alive_count > 0:
+            self._lost = None
+        elif self._lost is None:
+            self._lost = time.monotonic()
+
+    def _is_gone(self) -> bool:
+        """Return True if the controller has died or left, and has not come back in time."""
+        now = time.monotonic()
+        before, self._last_look = self._last_look, now
+        if now - before > _PAUSE:
+            self._last_sign = now
+        # DDS may report a loss late, or not report its end, so a later message cancels the loss. A busy machine delays
+        # messages, so the client waits longer than the controller, which ends its goal by itself.
+        is_lost = self._lost is not None and (now - max(self._lost, self._last_sign + DELAY) >= self._restart_timeout)
+        return is_lost or now - self._last_sign >= self._restart_timeout + SILENCE

@@ -1,205 +1,251 @@
-"""Goals with answers, of the controller: every accepted goal is announced, reported on, and ended once.
-
-Goals from the topics, the service ~/send_goal and the actions share one :class:`diffbot_control.goals.GoalBook`.
-"""
+"""Receives goals of the controller by topic or action, accepts or refuses them, and reports progress and results."""
 
 from __future__ import annotations
 
-import math
+import time
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from action_msgs.msg import GoalInfo, GoalStatus, GoalStatusArray
 from action_msgs.srv import CancelGoal
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
-from rcl_interfaces.srv import SetParametersAtomically
+from std_srvs.srv import Trigger
 
-from diffbot_control.goals import goal_record
-from diffbot_control.goals.goal_record import GoalRecord, GoalRequest, time_remaining
-from diffbot_control.goals.supervisor import Supervisor
-from diffbot_control.ros.goals.intake import TOPIC as GOAL_TOPIC
-from diffbot_control.ros.goals.intake import GoalIntake
-from diffbot_control.ros.goals.path_intake import TOPIC as PATH_TOPIC
-from diffbot_control.ros.goals.path_intake import PathIntake
-from diffbot_control.ros.goals.request import new_goal_id, read_goal_request
-from diffbot_control.ros.messages.fields import set_stamp
-from diffbot_core.errors import DiffbotError
+from diffbot_control.goals import states
+from diffbot_control.goals.path import time_remaining
+from diffbot_control.goals.path_headings import with_headings
+from diffbot_control.goals.record import CANCELLED, REFUSED, REPLACED, GoalRecord, GoalRequest, goal_id
+from diffbot_control.ros.controller_publishers import goal_info
+from diffbot_control.ros.messages.conversions import path_from, read_path
+from diffbot_control.ros.messages.fields import stamp_ns
+from diffbot_control.ros.tf import transforms_of
+from diffbot_control.ros.transforms import Transforms, pose_in_frame
+from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose
-from diffbot_core.ros.node import LATCHED, QUEUE, DiffbotNode, status_message
-from diffbot_core.units import NS_PER_S
+from diffbot_core.ros.qos import sensor_qos
+from diffbot_core.stamps import NS_PER_S, S_PER_NS, StampWatch
 
+if TYPE_CHECKING:
+    from diffbot_control.controller_node import ControllerNode
+
+GOAL_TOPIC, PATH_TOPIC, UPDATE_TOPIC = "goal_pose", "path", "goal_update"
+REPEATED, WITHOUT_GOAL = "goals that are known already", f"{UPDATE_TOPIC} without a goal"
+"""Counters in /diagnostics of messages that are normal: a client repeats a goal until the controller reports it."""
 FEEDBACK_PERIOD = 0.2
 """[s] between two messages of feedback"""
-REQUEST = "request"
-DRIVING, CANCELLING = "driving", "cancelling"
-"""States of a goal that has not ended; after it, the state is one of goal_record.ENDS."""
-_STATUS = {
-    goal_record.REACHED: GoalStatus.STATUS_SUCCEEDED,
-    goal_record.CANCELLED: GoalStatus.STATUS_CANCELED,
-}
-"""Of an ended goal; the other ends are STATUS_ABORTED, as Nav2 reports them."""
+_PERIOD, _BURST = 0.05, 10
+"""[s] between two goals by topic, and number of goals that are accepted at once after a pause. In a flood of goals the
+newest one is accepted, and the node answers poses in between."""
+_UPDATE_TIMEOUT = 1.0
+"""[s] largest age of a goal_update"""
 
 
 class GoalFeedback(NamedTuple):
-    """How far the present goal is."""
+    """Progress towards the present goal."""
 
     id: str
     state: str
-    """DRIVING or CANCELLING"""
+    """states.DRIVING or states.CANCELLING"""
     pose: Pose
     distance: float
-    """[m] that remains, along straight lines"""
+    """[m] remaining distance along straight lines"""
     elapsed: float
     """[s] since the goal was accepted"""
     remaining: float
-    """[s] estimated"""
+    """[s] estimated time to the end of the goal"""
     poses: int
-    """goals of the path that remain"""
+    """number of goals of the path that remain"""
+
+
+class _GoalTransforms:
+    """Looks up transforms for goals; for a stamp ahead of the controller's time, the newest transform.
+
+    Clients stamp goals by the clock of their computer even if time is simulated, because the stamp identifies the goal.
+    """
+
+    def __init__(self, transforms: Transforms, now: float) -> None:
+        """Store the transforms, and the controller's time [s]."""
+        self.available, self._transforms = transforms.available, transforms
+        self._now = round(now * NS_PER_S)
+
+    def lookup(self, target: str, source: str, stamp: int) -> Any:
+        """Return a transform as :meth:`Transforms.lookup` does."""
+        return self._transforms.lookup(target, source, stamp if stamp <= self._now else 0)
 
 
 class GoalServer:
-    """The controller's side of all goals."""
+    """Receives goals, corrections and cancellations for the supervisor of the node."""
 
-    def __init__(
-        self,
-        node: DiffbotNode[Any],
-        supervisor: Supervisor,
-        goals_of: Callable[[PoseStamped | Path], list[Pose]],
-        now: Callable[[], float],
-        cancel: Callable[[], bool],
-        changed: Callable[[], None],
-    ) -> None:
-        """Create topics, services and the timer of the feedback.
-
-        Args:
-            node: the controller; its configuration has ``map_frame``.
-            supervisor: what drives.
-            goals_of: the goals of a message; raises BadMessageError for one that cannot be used.
-            now: time [s] on the clock of the supervisor.
-            cancel: cancels the goal and starts to stop the robot; False if there was none.
-            changed: called after a goal was accepted.
-        """
-        self._node, self.supervisor, self._now = node, supervisor, now
-        self.check = goals_of
-        self._cancel, self._changed = cancel, changed
+    def __init__(self, node: ControllerNode) -> None:
+        """Create subscriptions, services and the timer of the feedback."""
+        self._node = node
         self.on_end: list[Callable[[GoalRecord], None]] = []
-        """called once with each goal that has ended"""
+        """functions that are called once with each goal that has ended"""
         self.on_feedback: list[Callable[[GoalFeedback], None]] = []
-        """called every FEEDBACK_PERIOD while a goal is driven to"""
-        self.paths = PathIntake(node, lambda goals: self.accept_goals(goals, True, PATH_TOPIC))
-        """reads paths from the topic"""
-        self.singles = GoalIntake(node, lambda goal: self.accept_goals([goal], False, GOAL_TOPIC))
-        """accepts goals from the topic"""
+        """functions that are called every FEEDBACK_PERIOD while the robot drives to a goal"""
+        self._transforms = transforms_of(node, node.config.transform_tolerance)
+        self._waiting: tuple[Any, GoalRequest] | None = None
+        """newest goal by topic that is neither accepted nor refused yet"""
+        self._busy_until, self._newest_stamp = 0.0, 0
+        """[s] steady time up to which goals by topic have used the rate; [ns] stamp of the last goal without a stamp"""
         self._first_distance = 0.0
-        self._statuses = node.create_publisher(GoalStatusArray, "~/goal_status", LATCHED)
-        self._results = node.create_publisher(DiagnosticArray, "~/goal_results", LATCHED)
-        self._feedbacks = node.create_publisher(DiagnosticStatus, "~/goal_feedback", QUEUE)
-        node.create_service(SetParametersAtomically, "~/send_goal", self._on_send_goal)
+        """[m] largest remaining distance of the present goal"""
+        self._update_stamps = StampWatch()
+        node.subscribe(PoseStamped, GOAL_TOPIC, lambda message: self._receive(message, GOAL_TOPIC))
+        node.subscribe(Path, PATH_TOPIC, lambda data: self._receive(read_path(data), PATH_TOPIC), raw=True)
+        node.subscribe(PoseStamped, UPDATE_TOPIC, self._on_update, sensor_qos(node.config.reliable_inputs))
+        node.create_service(Trigger, "~/cancel", self._on_cancel)
         node.create_service(CancelGoal, "~/cancel_goal", self._on_cancel_goal)
         node.create_timer(FEEDBACK_PERIOD, self._publish_feedback, clock=node.steady_clock)
 
-    def accept(self, message: PoseStamped | Path, source: str, goal_id: str = "") -> None:
-        """Drive to a goal or along a path.
+    # Acceptance
+
+    def _receive(self, message: Any, topic: str) -> None:
+        """Accept a goal or a path by topic, a little later if many others have just arrived."""
+        header = message.header
+        stamp, now = stamp_ns(header.stamp), self._node.now()
+        if not stamp:
+            # Two goals without a stamp are different goals, even while a simulated clock stands still.
+            stamp = self._newest_stamp = max(round(now * NS_PER_S), self._newest_stamp + 1)
+        request = GoalRequest(goal_id(header.frame_id, stamp), topic, now)
+        is_waiting = self._waiting is not None and self._waiting[1].id == request.id
+        if is_waiting or self._node.supervisor.goals.knows(request.id):
+            self._node.health.counted[REPEATED] += 1
+            return
+        self.drop_waiting(REPLACED, f"by a newer goal ({topic})")
+        self._waiting = message, request
+        if not self._is_busy():
+            self._take()
+
+    def _is_busy(self) -> bool:
+        return self._busy_until - time.monotonic() > (_BURST - 1) * _PERIOD
+
+    def take_waiting(self) -> None:
+        """Accept or refuse the waiting goal, if the rate of goals allows it."""
+        if self._waiting is None or self._is_busy():
+            return
+        topic = self._waiting[1].source
+        try:
+            self._take()
+        except BadMessageError as error:
+            self._node.contain(error, topic)
+
+    def drop_waiting(self, end: str, reason: str) -> bool:
+        """End the waiting goal without accepting it; return True if there was one."""
+        waiting, self._waiting = self._waiting, None
+        if waiting is not None:
+            self._node.supervisor.goals.refuse(waiting[1], end, reason)
+        return waiting is not None
+
+    def _take(self) -> None:
+        """Accept the waiting goal or refuse it.
 
         Raises:
-            BadMessageError: if it cannot be used; nothing changes then.
+            BadMessageError: if the goal cannot be used; its text is the reason of the refusal.
         """
-        self.accept_goals(self.check(message), isinstance(message, Path), source, goal_id)
+        if self._waiting is None:
+            return
+        self._busy_until = max(self._busy_until, time.monotonic()) + _PERIOD
+        (message, request), self._waiting = self._waiting, None
+        try:
+            goals = self.goals_of(message)
+        except BadMessageError as error:
+            self._node.supervisor.goals.refuse(request, REFUSED, str(error))
+            self.publish_changes()
+            raise
+        self._accept(goals, message, request)
 
-    def accept_goals(self, goals: list[Pose], is_path: bool, source: str, goal_id: str = "") -> None:
-        """Drive to a checked goal or along a path of checked goals; what is not accepted yet is dropped."""
-        self.drop_pending()
-        request = GoalRequest(goal_id or new_goal_id(), source, self._now())
-        if is_path:
-            self.supervisor.on_path(goals, request)
+    def goals_of(self, message: Any) -> list[Pose]:
+        """Return the goals of a PoseStamped or a Path in ``map_frame``.
+
+        Raises:
+            BadMessageError: if the message cannot be used, or the node is inactive.
+        """
+        if not self._node.is_active:
+            raise BadMessageError("the controller is inactive")
+        frame, transforms = self._node.config.map_frame, _GoalTransforms(self._transforms, self._node.now())
+        if hasattr(message, "poses"):
+            return path_from(message, frame, transforms)
+        return [pose_in_frame(message.pose, message.header, frame, transforms)]
+
+    def accept(self, message: PoseStamped | Path, source: str, goal_id: str) -> None:
+        """Accept a goal or a path of an action, at once.
+
+        Raises:
+            BadMessageError: if the message cannot be used; nothing changes then.
+        """
+        goals = self.goals_of(message)
+        self.drop_waiting(REPLACED, f"by a newer goal ({source})")
+        self._accept(goals, message, GoalRequest(goal_id, source, self._node.now()))
+
+    def _accept(self, goals: list[Pose], message: Any, request: GoalRequest) -> None:
+        supervisor = self._node.supervisor
+        if hasattr(message, "poses"):
+            followed = goals
+            if supervisor.config.waypoint_radius > 0.0:  # otherwise the robot reaches each pose with its heading
+                followed = with_headings(goals, all(one.pose.orientation.w == 1.0 for one in message.poses[1:-1]))
+            supervisor.on_path(followed, request)
             text = f"path of {len(goals)} goals"
+            if followed is not goals:
+                text += ": its orientations are equal and contradict its direction, which replaces them"
         else:
-            self.supervisor.on_goal(goals[0], request)
+            supervisor.on_goal(goals[0], request)
             text = "goal: x {:.3f} m, y {:.3f} m, heading {:.3f} rad".format(*goals[0])
         self._first_distance = 0.0
         self._node.get_logger().info(text)
-        self._changed()
+        self._node.outputs.publish_status(supervisor)
         self.publish_changes(force=True)
 
-    def drop_pending(self) -> bool:
-        """Drop a path that is still being read, and a goal that waits; return whether there was one."""
-        # Both are dropped, whatever the first one returns.
-        return any([self.paths.drop(), self.singles.drop()])
+    def _on_update(self, message: PoseStamped) -> None:
+        """Correct the present goal.
 
-    def cancel(self, goal_id: str) -> bool:
-        """Cancel the present goal if it is ``goal_id``; return whether it was."""
-        present = self.supervisor.goals.present
-        return present is not None and present.request.id == goal_id and self._cancel_present(present)
-
-    def _cancel_present(self, present: GoalRecord) -> bool:
-        return present.is_cancelling or self._cancel()
-
-    def publish_changes(self, force: bool = False) -> None:
-        """Publish the goals that have ended since the last call; with ``force``, their states in any case."""
-        book = self.supervisor.goals
-        if not (force or book.has_news):
+        Raises:
+            BadMessageError: if the correction is far from the goal, or its stamp is old or does not advance: its
+                sender may no longer detect the goal.
+        """
+        node = self._node
+        if node.supervisor.goals.present is None:
+            node.health.counted[WITHOUT_GOAL] += 1
             return
-        news = book.take_news()
-        ended = [record for record in book.ended if record.request.id]
-        if news:
-            self._results.publish(DiagnosticArray(status=[_result_message(record) for record in ended]))
-        present = [book.present] if book.present is not None and book.present.request.id else []
-        self._statuses.publish(GoalStatusArray(status_list=[_status_of(record) for record in (*ended, *present)]))
-        for record in news:
-            for listener in self.on_end:
-                listener(record)
+        goal = pose_in_frame(message.pose, message.header, node.config.map_frame, self._transforms)
+        if stamp := stamp_ns(message.header.stamp):
+            age = node.clock_watch.now() - stamp * S_PER_NS
+            if age > _UPDATE_TIMEOUT:
+                raise BadMessageError("stamp too old", f"{age:.3g} s, at most {_UPDATE_TIMEOUT:g} s")
+            if not self._update_stamps.advances(stamp):
+                raise BadMessageError("stamp not later than the one before")
+        node.supervisor.on_goal_update(goal)
 
-    def feedback(self) -> GoalFeedback | None:
-        """Return how far the present goal is, None without a goal or before the first pose."""
-        supervisor = self.supervisor
-        present = supervisor.goals.present
-        if present is None or supervisor.pose is None:
-            return None
-        distance, elapsed = supervisor.distance_remaining(), present.elapsed(self._now())
-        self._first_distance = max(self._first_distance, distance)
-        max_speed = getattr(getattr(supervisor.config.controller, "data_sheet", None), "v_max", math.inf)
-        remaining = time_remaining(distance, self._first_distance, elapsed, max_speed)
-        state = CANCELLING if present.is_cancelling else DRIVING
-        return GoalFeedback(
-            present.request.id, state, supervisor.pose, distance, elapsed, remaining, len(supervisor.goals_ahead)
-        )
+    # Cancellation
 
-    def _publish_feedback(self) -> None:
-        feedback = self.feedback()
-        if feedback is None:
-            return
-        if self._feedbacks.get_subscription_count():
-            self._feedbacks.publish(_feedback_message(feedback))
-        for listener in self.on_feedback:
-            listener(feedback)
+    def cancel(self) -> bool:
+        """Drop the goal and start to brake; return True if there was a goal."""
+        node, supervisor = self._node, self._node.supervisor
+        had_goal = self.drop_waiting(CANCELLED, "") or supervisor.goal is not None
+        command = supervisor.on_cancel()
+        if command is not None:
+            node.outputs.commands.send(command)
+        node.outputs.publish_status(supervisor)
+        self.publish_changes(force=had_goal)
+        return had_goal
 
-    def _on_send_goal(
-        self, request: SetParametersAtomically.Request, response: SetParametersAtomically.Response
-    ) -> SetParametersAtomically.Response:
-        try:
-            sent = read_goal_request(request, self._node.config.map_frame)
-            known = self.supervisor.goals.find(sent.id)
-            if known is None and sent.message is None:
-                raise DiffbotError(f"goal {sent.id} is unknown")
-            if known is None and sent.message is not None:
-                # A repeated request is the same goal, also after its end: the client may have missed the answer.
-                self.accept(sent.message, REQUEST, sent.id)
-                known = self.supervisor.goals.find(sent.id)
-        except DiffbotError as error:
-            response.result.successful, response.result.reason = False, str(error)
-        else:
-            response.result.successful = True
-            response.result.reason = state_text(known) if known is not None else DRIVING
+    def cancel_goal(self, goal_id: str) -> bool:
+        """Cancel the present goal if its id is ``goal_id``; return True if it is."""
+        present = self._node.supervisor.goals.present
+        return present is not None and present.request.id == goal_id and (present.is_cancelling or self.cancel())
+
+    def _on_cancel(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = self.cancel()
+        response.message = "cancelled" if response.success else "there was no goal"
         return response
 
     def _on_cancel_goal(self, request: CancelGoal.Request, response: CancelGoal.Response) -> CancelGoal.Response:
-        """Cancel as action_msgs/srv/CancelGoal says: one goal, or all that were accepted until a time."""
-        book, goal_id = self.supervisor.goals, bytes(request.goal_info.goal_id.uuid).hex()
+        """Cancel one goal, or all goals that were accepted until a time, as action_msgs/srv/CancelGoal defines it."""
+        self.take_waiting()
+        book, goal_id = self._node.supervisor.goals, bytes(request.goal_info.goal_id.uuid).hex()
         is_named, until = bool(goal_id.strip("0")), request.goal_info.stamp
         has_time = bool(until.sec or until.nanosec)
-        if is_named and not has_time and book.find(goal_id) is None:
+        if is_named and not has_time and not book.knows(goal_id):
             response.return_code = CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID
             return response
         present = book.present
@@ -208,53 +254,44 @@ class GoalServer:
             or (has_time and round(present.request.time * NS_PER_S) <= until.sec * NS_PER_S + until.nanosec)
             or not (is_named or has_time)
         )
-        if present is not None and is_meant and self._cancel_present(present):
-            response.goals_canceling = [_info_of(present)]
+        if present is not None and is_meant and (present.is_cancelling or self.cancel()):
+            response.goals_canceling = [goal_info(present)]
         elif is_named:
             response.return_code = CancelGoal.Response.ERROR_GOAL_TERMINATED
         else:
             response.return_code = CancelGoal.Response.ERROR_REJECTED
         return response
 
+    # Answers
 
-def state_text(record: GoalRecord) -> str:
-    """Return the state of a goal, with the reason if it has one: ``not reached: ...``."""
-    if not record.end:
-        return CANCELLING if record.is_cancelling else DRIVING
-    return f"{record.end}: {record.reason}" if record.reason else record.end
+    def publish_changes(self, force: bool = False) -> None:
+        """Publish states and results if a goal has ended since the last call; with ``force``, the states always."""
+        book = self._node.supervisor.goals
+        news = book.take_news()
+        if not (force or news):
+            return
+        self._node.outputs.publish_goals(book, news)
+        for record in news:
+            for listener in self.on_end:
+                listener(record)
 
+    def feedback(self) -> GoalFeedback | None:
+        """Return the progress towards the present goal; None without a goal or before the first pose."""
+        supervisor = self._node.supervisor
+        present = supervisor.goals.present
+        if present is None or supervisor.pose is None:
+            return None
+        distance, elapsed = supervisor.distance_remaining(), supervisor.elapsed
+        self._first_distance = max(self._first_distance, distance)
+        remaining = time_remaining(distance, self._first_distance, elapsed, supervisor.data_sheet.v_max)
+        state = states.CANCELLING if present.is_cancelling else states.DRIVING
+        ahead = len(supervisor.goals_ahead)
+        return GoalFeedback(present.request.id, state, supervisor.pose, distance, elapsed, remaining, ahead)
 
-def _info_of(record: GoalRecord) -> GoalInfo:
-    info = GoalInfo()
-    info.goal_id.uuid = list(bytes.fromhex(record.request.id))
-    set_stamp(info.stamp, round(record.request.time * NS_PER_S))
-    return info
-
-
-def _status_of(record: GoalRecord) -> GoalStatus:
-    if record.end:
-        status = _STATUS.get(record.end, GoalStatus.STATUS_ABORTED)
-    else:
-        status = GoalStatus.STATUS_CANCELING if record.is_cancelling else GoalStatus.STATUS_EXECUTING
-    return GoalStatus(goal_info=_info_of(record), status=status)
-
-
-def _result_message(record: GoalRecord) -> DiagnosticStatus:
-    level = 0 if record.end == goal_record.REACHED else DiagnosticStatus.WARN[0]
-    values = {
-        "reason": record.reason,
-        "source": record.request.source,
-        "elapsed time [s]": f"{record.elapsed(record.ended):.3f}",
-    }
-    return status_message(record.request.id, level, record.end, values)
-
-
-def _feedback_message(feedback: GoalFeedback) -> DiagnosticStatus:
-    values = {
-        "distance remaining [m]": f"{feedback.distance:.4f}",
-        "elapsed time [s]": f"{feedback.elapsed:.3f}",
-        "estimated time remaining [s]": f"{feedback.remaining:.3f}",
-        "poses remaining": str(feedback.poses),
-        "pose": " ".join(f"{number:.6g}" for number in feedback.pose),
-    }
-    return status_message(feedback.id, 0, feedback.state, values)
+    def _publish_feedback(self) -> None:
+        feedback = self.feedback()
+        if feedback is None:
+            return
+        self._node.outputs.publish_feedback(feedback)
+        for listener in self.on_feedback:
+            listener(feedback)

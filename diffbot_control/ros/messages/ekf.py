@@ -1,4 +1,4 @@
-"""What the ekf reads from messages and writes into them, for the node and for recorded bags; free of ROS."""
+"""Inputs of the ekf as values, and its diagnostic values, for the node and for recorded bags; free of ROS."""
 
 from __future__ import annotations
 
@@ -7,70 +7,105 @@ from typing import Any
 
 import numpy as np
 
-from diffbot_control.filter.gated_filter import GatedFilter
-from diffbot_control.filter.measurements import PoseFix
+from diffbot_control.filter.consistency import nis_bounds
+from diffbot_control.filter.covariance import check_covariance
+from diffbot_control.filter.ekf import REJECTED, RELOCATED, WEIGHED
+from diffbot_control.filter.localization import Localization
+from diffbot_control.filter.measurement import FIXES
+from diffbot_control.filter.models import Array
 from diffbot_control.filter.odometry import OdometryStep
 from diffbot_control.ros.frames import robot_frame
+from diffbot_control.ros.messages.fields import MAX_SPEED, check_frame, check_numbers, measured_ns, twist_from
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
-from diffbot_control.ros.sensors import sensors_of
-from diffbot_control.ros.sensors.fixes import fix_from, global_pose_noise
-from diffbot_control.ros.sensors.odometry import odometry_from, wheel_speeds_from
-from diffbot_control.ros.sensors.sensor import Sensor
-from diffbot_core.kinematics import body_twist, encoder_covariance
+from diffbot_control.ros.sensors import global_pose_noise, sensors_of, stamped_pose
+from diffbot_control.ros.transforms import NO_TRANSFORMS, Transforms
+from diffbot_core.errors import BadMessageError
+from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import TwistCovariance, WheelSpeeds, body_twist, encoder_covariance
 
-_WHEEL_ERRORS = ("left wheel radius", "right wheel radius", "wheel separation")
-_LANDMARK_ERRORS = ("landmark range offset", "landmark range scale", "landmark bearing offset")
+WHEEL_NOISE = 0.05
+"""Bound of the relative error of each wheel speed; the errors of two messages are independent. For other encoders,
+``odometry_covariance_scale`` scales the square of this bound."""
+_ERRORS = (
+    "left wheel radius error",
+    "right wheel radius error",
+    "wheel separation error",
+    "gyro bias",
+    "landmark range offset error",
+    "landmark range scale error",
+    "landmark bearing offset error",
+)
+"""Names of the states behind the pose."""
 
 
 class EkfInputs:
-    """Conversion of each input of the ekf with the frames, the noise and the map of its configuration.
+    """Converts the inputs of the ekf, with the frames, the noise and the map of its configuration.
 
     Every method raises BadMessageError for a message that cannot be used.
     """
 
-    def __init__(self, config: EkfNodeConfig) -> None:
-        """Take the configuration."""
+    def __init__(self, config: EkfNodeConfig, transforms: Transforms = NO_TRANSFORMS) -> None:
+        """Store the configuration, and the transforms between the frames of the sensors and of the robot."""
         self._config = config
         self._robot_frame = robot_frame(config)
-        self.sensors = sensors_of(config)
-        self._by_topic = {one.topic: one for one in self.sensors}
-        # Its covariance was chosen by the user, so override_covariance does not apply; the fallback does.
+        self.sensors = {one.topic: one for one in sensors_of(config, transforms)}
+        """by topic, in the order in which their waiting messages are handled; the topics never change"""
+        # The user chooses the covariance of initialpose, so override_covariance does not apply; the fallback does.
         self.initial_noise = global_pose_noise(config)._replace(always=False)
 
-    def sensor(self, topic: str) -> Sensor:
-        """Return the sensor of a topic; the topics never change."""
-        return self._by_topic[topic]
-
-    def initialpose(self, message: Any) -> PoseFix:
-        """Return the pose at which to put the filter."""
-        return fix_from(message, self._config.map_frame, self.initial_noise)
+    def initialpose(self, message: Any) -> tuple[int, Pose, Array]:
+        """Return stamp [ns], pose and covariance (3, 3) at which to put the filter."""
+        return stamped_pose(message, self._config.map_frame, self.initial_noise)
 
     def odometry(self, message: Any) -> OdometryStep:
-        """Return the step of an Odometry; an all-zero covariance means unknown, and the localization has its own."""
-        return odometry_from(message, self._robot_frame)
+        """Return the step of an Odometry; an all-zero covariance means unknown, and the filter uses its own."""
+        check_frame(message.child_frame_id, self._robot_frame, "child_frame_id", "base_link_frame (and frame_prefix)")
+        twist, covariance = twist_from(message.twist.twist), message.twist.covariance
+        var_v, cov, var_omega = float(covariance[0]), float(covariance[5]), float(covariance[35])
+        if any((var_v, cov, var_omega)):
+            check_covariance(np.array(((var_v, cov), (cov, var_omega))))
+        return OdometryStep(measured_ns(message.header.stamp), twist, TwistCovariance(var_v, cov, var_omega))
 
-    def joint_states(self, message: Any) -> OdometryStep:
-        """Return the step of a JointState."""
-        config = self._config
-        stamp, speeds = wheel_speeds_from(message, config.left_wheel_name, config.right_wheel_name)
-        covariance = encoder_covariance(speeds, config.wheel_noise, config.wheels)
-        return OdometryStep(stamp, body_twist(speeds, config.wheels), covariance)
+    def joint_states(self, message: Any) -> OdometryStep | None:
+        """Return the step of a JointState; None if it has only other joints, such as those of an arm."""
+        wheels, left, right = self._config.wheels, self._config.left_wheel_name, self._config.right_wheel_name
+        names, velocity = message.name, message.velocity
+        if left not in names and right not in names:
+            return None
+        try:
+            speeds = WheelSpeeds(velocity[names.index(left)], velocity[names.index(right)])
+        except (ValueError, IndexError):
+            remedy = "the driver has to publish the velocities of both wheels; else set odometry_source to odom"
+            raise BadMessageError("wheel joints missing", f"no velocity of {left!r} and {right!r}: {remedy}") from None
+        check_numbers(speeds, MAX_SPEED, "wheel speed")
+        stamp = measured_ns(message.header.stamp)
+        return OdometryStep(stamp, body_twist(speeds, wheels), encoder_covariance(speeds, WHEEL_NOISE, wheels))
 
 
-def error_values(ekf: GatedFilter) -> dict[str, str]:
-    """Return key-value pairs: estimated errors with their deviations, and how long those of measurements last."""
-    found = {}
-    for names, estimate in ((_WHEEL_ERRORS, ekf.wheels()), (_LANDMARK_ERRORS, ekf.landmark_errors())):
-        if estimate is not None:
-            for name, error, variance in zip(names, estimate.errors, np.diagonal(estimate.P), strict=False):
-                found[f"{name} error"] = f"{error:+.4f} +- {math.sqrt(max(variance, 0.0)):.4f}"
-    bias = ekf.gyro_bias()
-    if bias is not None:
-        found["gyro bias"] = f"{bias.errors.item(0):+.4f} +- {math.sqrt(max(bias.P.item(0), 0.0)):.4f}"
-    c = ekf.fix_correlation()
-    if c is not None:
-        found["correlation of neighbouring fixes found"] = f"{c:.2f}"
-    time = ekf.landmark_correlation_time()
-    if time is not None:
-        found["correlation time of landmarks found"] = f"{time:.2f}"
+def localization_values(localization: Localization) -> dict[str, str]:
+    """Return key-value pairs for a diagnostic status: consistency, counts, estimated errors with their deviations."""
+    found, consistency = {}, localization.consistency()
+    if consistency:
+        numbers = sum(one.numbers for one in consistency.values())
+        mean = sum(one.nis * one.numbers for one in consistency.values()) / numbers
+        found["NIS per number"] = f"{mean:.3f}"
+        found["NIS 95 % bounds"] = "{:.3f} {:.3f}".format(*nis_bounds(numbers))
+    for name, one in consistency.items():
+        found[f"NIS per number of {name}"] = f"{one.nis:.3f}"
+        if one.autocorrelation is not None:
+            found[f"autocorrelation of {name}"] = f"{one.autocorrelation:.3f}"
+            found[f"autocorrelation of {name}, 95 % bound"] = f"{one.bound:.3f}"
+        if localization.options.finds_noise or localization.options.fuzzy:
+            found[f"correlation of neighbouring {name} assumed"] = f"{one.assumed:.2f}"
+            found[f"variances of {name} over claimed ones"] = "{:.2f} {:.2f}".format(*one.scale)
+    for name, counts in localization.outcomes.items():
+        if counts[WEIGHED]:
+            found[f"{name} weighed"] = str(counts[WEIGHED])
+        if counts[REJECTED] or counts[RELOCATED] or name == FIXES:
+            found[f"{name} rejected"] = str(counts[REJECTED])
+            found[f"relocations by {name}"] = str(counts[RELOCATED])
+    x, P = localization.filter.x, localization.filter.P
+    for at, (name, variance) in enumerate(zip(_ERRORS, localization.options.variances, strict=True), 3):
+        if variance > 0.0:
+            found[name] = f"{x[at]:+.4f} +- {math.sqrt(max(P[at, at], 0.0)):.4f}"
     return found

@@ -1,4 +1,4 @@
-"""Fields of messages to values and back; a bad message raises BadMessageError.
+"""Fields of messages to values and back; a message that cannot be used raises BadMessageError.
 
 Free of ROS: a message is anything with the fields of its type, from rclpy or decoded from a bag.
 """
@@ -11,15 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from diffbot_control.filter.covariance import check_covariance
-from diffbot_control.filter.measurements import Array
+from diffbot_control.filter.covariance import check_covariance, uncertainty_of
+from diffbot_control.filter.models import Array
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import MAX_COORDINATE, Pose, quaternion_of_yaw, yaw_of_quaternion
 from diffbot_core.kinematics import Twist, TwistCovariance
-from diffbot_core.units import NS_PER_S
+from diffbot_core.stamps import NS_PER_S
+from diffbot_core.uncertainty import Uncertainty
 
 MAX_SPEED = 1e4
-"""[m/s], [rad/s] larger speeds are refused as errors."""
+"""[m/s], [rad/s] a larger speed is an error."""
 
 _MAX_SECONDS = 2.0**31 - 1.0
 
@@ -28,10 +29,18 @@ _PLANAR = np.array([0, 1, 5, 6, 7, 11, 30, 31, 35])
 
 
 def stamp_ns(stamp: Any) -> int:
-    """Return a stamp as nanoseconds; it is copied to answers, so it must be one that :func:`set_stamp` can write."""
+    """Return a stamp as nanoseconds; answers copy it, so :func:`set_stamp` must be able to write it."""
     if stamp.nanosec >= NS_PER_S:
         raise BadMessageError("stamp not normalised", f"{stamp.nanosec} ns")
     return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
+
+
+def measured_ns(stamp: Any) -> int:
+    """Return the stamp of a measurement as nanoseconds; a stamp of zero, which gives no time, is an error."""
+    nanoseconds = stamp_ns(stamp)
+    if nanoseconds == 0:
+        raise BadMessageError("stamp is zero", "the driver has to fill header.stamp with the time of the measurement")
+    return nanoseconds
 
 
 def set_stamp(stamp: Any, nanoseconds: int) -> None:
@@ -40,19 +49,20 @@ def set_stamp(stamp: Any, nanoseconds: int) -> None:
 
 
 def fill_duration(duration: Any, seconds: float) -> None:
-    """Write a time [s] into a Duration in place, cut to what it can hold."""
+    """Write a time [s] into a Duration in place, clipped to the range of the message."""
     nanoseconds = round(min(max(seconds, 0.0), _MAX_SECONDS) * NS_PER_S)
     duration.sec, duration.nanosec = divmod(nanoseconds, NS_PER_S)
 
 
-def check_frame(frame: str, expected: str, field: str = "frame_id") -> None:
-    """Refuse a message in another frame than ``expected``."""
+def check_frame(frame: str, expected: str, field: str = "frame_id", parameter: str = "") -> None:
+    """Refuse a frame other than ``expected``; ``field`` names it in the error, ``parameter`` sets ``expected``."""
     if frame != expected:
-        raise BadMessageError(f"wrong {field}", f"{frame[:80]!r}, not {expected!r}")
+        remedy = f": set {parameter} of all nodes to it, or correct the driver" if parameter and frame else ""
+        raise BadMessageError(f"wrong {field}", f"{frame[:80]!r}, not {expected!r}{remedy}")
 
 
 def check_numbers(numbers: Iterable[float], limit: float, what: str) -> None:
-    """Refuse numbers that are not finite or larger than ``limit``; ``what`` names them in the error."""
+    """Refuse numbers that are not finite or exceed ``limit``; ``what`` names them in the error."""
     for number in numbers:
         if not -limit <= number <= limit:
             kind = f"{what} out of range" if math.isfinite(number) else f"{what} not finite"
@@ -60,7 +70,7 @@ def check_numbers(numbers: Iterable[float], limit: float, what: str) -> None:
 
 
 def yaw_of(orientation: Any) -> float:
-    """Yaw [rad] of an orientation; its squared length may differ from 1 by a tenth, for rounding by hand."""
+    """Return the yaw [rad] of an orientation, whose squared length may differ from 1 by 0.1, as when typed by hand."""
     x, y, z, w = orientation.x, orientation.y, orientation.z, orientation.w
     square = x * x + y * y + z * z + w * w
     if not math.isfinite(square):
@@ -71,21 +81,41 @@ def yaw_of(orientation: Any) -> float:
 
 
 def pose_of(message: Any) -> Pose:
-    """Planar pose of a geometry_msgs/Pose."""
+    """Return the planar pose of a geometry_msgs/Pose."""
     x, y = message.position.x, message.position.y
     check_numbers((x, y), MAX_COORDINATE, "position")
     return Pose(x, y, yaw_of(message.orientation))
 
 
 def planar_covariance(covariance: Any) -> Array:
-    """(3, 3) covariance of x, y, yaw out of the 36 numbers of a pose covariance."""
+    """Return the checked (3, 3) covariance of x, y, yaw from the 36 numbers of a pose covariance."""
     return check_covariance(planar_block(covariance))
 
 
 def planar_block(covariance: Any) -> Array:
-    """Return the same without a check."""
+    """Return the (3, 3) covariance of x, y, yaw without a check."""
     block: Array = np.asarray(covariance, dtype=float)[_PLANAR].reshape(3, 3)
     return block
+
+
+def pose_from(message: Any, frame: str, child_frame: str) -> tuple[int, Pose, Uncertainty | None]:
+    """Return stamp [ns], pose and uncertainty of an estimate; the uncertainty is None if the covariance is all zero.
+
+    Args:
+        message: PoseWithCovarianceStamped or Odometry. Its covariance of x, y and yaw counts, and not its twist.
+        frame: required frame.
+        child_frame: required child frame of an Odometry.
+
+    Raises:
+        BadMessageError: if a frame differs, or the stamp, the pose or the covariance cannot be used.
+    """
+    check_frame(message.header.frame_id, frame)
+    if hasattr(message, "child_frame_id"):
+        check_frame(message.child_frame_id, child_frame, "child_frame_id")
+    pose = pose_of(message.pose.pose)
+    covariance = planar_block(message.pose.covariance)
+    uncertainty = uncertainty_of(check_covariance(covariance)) if covariance.any() else None
+    return measured_ns(message.header.stamp), pose, uncertainty
 
 
 def twist_from(message: Any) -> Twist:
@@ -103,7 +133,7 @@ def fill_pose(message: Any, pose: Pose) -> None:
 
 
 def pose_in_message(pose: Pose) -> Pose:
-    """Return the pose that :func:`pose_of` reads from what :func:`fill_pose` writes: its yaw is a quaternion's."""
+    """Return ``pose`` as it is after :func:`fill_pose` and :func:`pose_of`: the yaw is rounded by the quaternion."""
     z, w = quaternion_of_yaw(pose.theta)
     return Pose(pose.x, pose.y, yaw_of_quaternion(0.0, 0.0, z, w))
 
@@ -114,7 +144,7 @@ def fill_yaw(orientation: Any, yaw: float) -> None:
 
 
 def fill_planar_covariance(covariance: Any, P: Array) -> None:
-    """Write a (3, 3) covariance of x, y, yaw into the 36 numbers of a message, whose other entries stay."""
+    """Write a (3, 3) covariance of x, y, yaw into the 36 numbers of a message; other entries stay."""
     covariance[_PLANAR] = P.reshape(9)
 
 
@@ -131,7 +161,7 @@ def fill_twist_covariance(covariance: Any, M: TwistCovariance) -> None:
 
 
 def fill_unestimated(pose_covariance: Any, twist_covariance: Any | None = None) -> None:
-    """Write the constants of both covariances (36,): z, roll and pitch have a huge variance, no motion is sideways."""
+    """Write the constants of both covariances (36,): z, roll and pitch are unknown, and no motion is sideways."""
     pose_covariance[[14, 21, 28]] = 1e6
     if twist_covariance is not None:
         twist_covariance[[14, 21, 28]] = 1e6

@@ -5,27 +5,26 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, NamedTuple
 
-from diffbot_control.goals.configuration import SupervisorConfig
-from diffbot_control.goals.goal_record import MAX_PATH_POSES
-from diffbot_control.goals.protocol import Law
-from diffbot_control.law.configuration import TANH, ControllerConfig
-from diffbot_control.law.controller import SwitchingLaw
+from diffbot_control.goals.supervisor import SupervisorConfig
+from diffbot_control.law.law import Law
 from diffbot_control.law.presets import PRESETS, TUNED
+from diffbot_control.law.switching import SwitchingLaw
 from diffbot_control.ros.frames import PREFIX_TEXT, RELIABLE_TEXT
+from diffbot_core.endpoints import AUTO, TYPE_WORDS
 from diffbot_core.errors import InvalidValueError
-from diffbot_core.ros.command_parameters import CommandSourceConfig
-from diffbot_core.ros.fault_parameters import FaultConfig
-from diffbot_core.ros.lifecycle_parameters import LifecycleConfig
+from diffbot_core.parameter_groups import CommandSourceConfig, FaultConfig, LifecycleConfig
 from diffbot_core.schema import PARTIAL, Spec, checked, parameters_of, variant
-from diffbot_core.uncertainty import Uncertainty
+
+ALL, PATHS = "all", "follow_path"
+"""Values of nav2_actions."""
 
 
 class PoseFallback(NamedTuple):
     """Uncertainty of a pose whose covariance is all zero, i.e. unknown.
 
-    The defaults are a fifth of the default tolerances, as a localization good enough for such goals has at rest: errors
-    up to 0.05 m and 0.05 rad leave a probability of 0.99 (``reached_probability``), so goals can be reached. With
-    narrower tolerances the status may say ``tolerance below uncertainty`` until these parameters hold the true values.
+    The defaults are a fifth of the default tolerances. With errors up to 0.05 m and 0.05 rad the probability to be
+    inside is then 0.99 (``reached_probability``), so goals can be reached. With narrower tolerances the status may be
+    ``tolerance below uncertainty`` until these parameters hold the true values.
     """
 
     pose_sigma_xy: Annotated[
@@ -35,20 +34,17 @@ class PoseFallback(NamedTuple):
         float, Spec("deviation of the heading of a pose without covariance", "rad", minimum=1e-4, maximum=1e3)
     ] = 0.02
 
-    def uncertainty(self) -> Uncertainty:
-        """Return it as the controller takes it."""
-        return Uncertainty(self.pose_sigma_xy, self.pose_sigma_yaw)
-
 
 class ControllerNodeConfig(NamedTuple):
-    """Parameters of the node ``controller``, of the law ``switching``; see :func:`parameter_set_of` for others."""
+    """Parameters of the node ``controller`` with the law ``switching``; :func:`parameter_set_of` is for other laws."""
 
-    law: Annotated[str, Spec("law that drives: a registered name, or package.module:Class", read_only=True)] = (
-        SwitchingLaw.name
-    )
-    preset: Annotated[str, Spec("set of defaults for the other parameters", choices=tuple(PRESETS), read_only=True)] = (
-        TUNED
-    )
+    law: Annotated[
+        str,
+        Spec("law that drives: a registered name, or package.module:Class; by default that of preset", read_only=True),
+    ] = SwitchingLaw.name
+    preset: Annotated[
+        str, Spec("set of defaults for the other parameters, with its law", choices=tuple(PRESETS), read_only=True)
+    ] = TUNED
     supervisor: SupervisorConfig = SupervisorConfig()
     pose_source: Annotated[
         str,
@@ -59,16 +55,6 @@ class ControllerNodeConfig(NamedTuple):
         ),
     ] = "pose"
     pose_fallback: PoseFallback = PoseFallback()
-    real_timeout_factor: Annotated[
-        float,
-        Spec(
-            "with use_sim_time, the robot is also stopped after this many pose_timeout of real time without a pose, or"
-            " with /clock standing still; > 1 for a simulation slower than real time (publish_when_idle: never)",
-            minimum=1.0,
-            maximum=1e6,
-            allow_inf=True,
-        ),
-    ] = 1.0
     map_frame: Annotated[str, Spec("frame of poses and goals", read_only=True)] = "map"
     base_link_frame: Annotated[
         str, Spec("frame of the stamped command; child frame of odometry/filtered", read_only=True)
@@ -84,66 +70,79 @@ class ControllerNodeConfig(NamedTuple):
             read_only=True,
         ),
     ] = 0.3
-    max_path_poses: Annotated[
-        int, Spec("largest number of poses of a path; a longer path is refused", "-", 1, 1_000_000)
-    ] = MAX_PATH_POSES
     reliable_inputs: Annotated[bool, Spec(RELIABLE_TEXT, read_only=True)] = False
-    enable_stamped_cmd_vel: Annotated[bool, Spec("publish TwistStamped instead of Twist", read_only=True)] = False
+    cmd_vel_type: Annotated[
+        str,
+        Spec(
+            "type of the commands; auto: that of the subscriptions, Twist until there is one",
+            choices=(AUTO, *TYPE_WORDS.values()),
+            read_only=True,
+        ),
+    ] = AUTO
+    nav2_actions: Annotated[
+        str,
+        Spec("Nav2's actions that it serves; follow_path: beside a bt_navigator", choices=(ALL, PATHS), read_only=True),
+    ] = ALL
     commands: CommandSourceConfig = CommandSourceConfig()
     lifecycle: LifecycleConfig = LifecycleConfig()
     faults: FaultConfig = FaultConfig()
 
 
-def _supervisor_of(controller: ControllerConfig) -> SupervisorConfig:
-    """Return the supervisor of a preset: the paper's law is never given up, as it was published."""
-    if controller.profile == TANH:
-        return SupervisorConfig(controller=controller, max_departures=0)
-    return SupervisorConfig(controller=controller)
-
-
-CONTROLLER_PRESETS = {
-    name: ControllerNodeConfig(preset=name, supervisor=_supervisor_of(controller))
-    for name, controller in PRESETS.items()
-}
-"""The sets of defaults that the parameter ``preset`` selects."""
-
-_NOT_OF_OTHERS = ("preset", "max_departures")
-"""Parameters that only this project's law has a meaning for."""
 _KINDS = (float, int, bool, str, tuple[float, ...], tuple[str, ...])
 _ROS_NAMES = ("use_sim_time",)
-"""Parameters that every node has."""
+"""Names of parameters that every node has."""
 
 
-def law_of(text: str) -> Law:
+def law_of(text: str) -> type[Law]:
     """Return the law of the parameter ``law``.
 
     Raises:
-        InvalidValueError: in one line, if there is none or it is unfit.
+        InvalidValueError: in one line, if there is no such law, or it cannot be used.
     """
-    if text == SwitchingLaw.name:
-        return SwitchingLaw
-    # Not before it is needed: the entry points of all installed packages take time to read.
+    for preset in PRESETS.values():
+        if text == preset.law.name:
+            return preset.law
+    # Imported when it is needed, because reading the entry points of all installed packages takes time.
     from diffbot_control.goals.registry import resolve_law  # noqa: PLC0415
 
     return resolve_law(text)
 
 
 def parameter_set_of(overrides: Mapping[str, Any]) -> tuple[type[Any], Mapping[str, Any] | None]:
-    """Return configuration type and presets of the node for the law among its ``overrides``.
+    """Return configuration type and presets of the node for the law or the preset in its ``overrides``.
 
-    Another law than this project's brings the fields of its ``Config`` that carry a Spec.
+    A law brings the fields of its ``Config`` that carry a Spec. A preset selects its law.
 
     Raises:
-        InvalidValueError: in one line, if there is no such law, or it cannot be used.
+        InvalidValueError: in one line, if there is no such law or preset, the law cannot be used, or the preset
+            belongs to another law.
     """
-    parameter = next(one for one in parameters_of(ControllerNodeConfig) if one.name == "law")
-    text = checked(parameter, overrides.get("law", parameter.default))
+    law_parameter, preset_parameter = parameters_of(ControllerNodeConfig)[:2]
+    preset = checked(preset_parameter, overrides.get("preset", preset_parameter.default))
+    text = checked(law_parameter, overrides.get("law", PRESETS[preset].law.name))
     law = law_of(text)
-    if law is SwitchingLaw:
-        return ControllerNodeConfig, CONTROLLER_PRESETS
+    presets = {name: one for name, one in PRESETS.items() if one.law is law}
+    if "preset" in overrides and preset not in presets:
+        raise InvalidValueError("preset", preset, f"one of the law {text}: {', '.join(presets) or 'it has none'}")
+    config_type = _type_with(text, law, () if presets else ("preset",))
+    base = config_type()._replace(law=text)
+    found = {
+        name: base._replace(preset=name, supervisor=base.supervisor._replace(controller=one.config))
+        for name, one in presets.items()
+    }
+    defaults = {"law": text} | ({"preset": next(iter(found))} if found else {})
+    return variant(config_type, {}, values=defaults), found or None
+
+
+def _type_with(text: str, law: type[Law], without: tuple[str, ...]) -> type[Any]:
+    """Return the node's configuration type with the parameters of a law.
+
+    Raises:
+        InvalidValueError: in one line, if the parameters of the law cannot be used.
+    """
     try:
-        supervisor = variant(SupervisorConfig, {"controller": Annotated[law.Config, PARTIAL]}, _NOT_OF_OTHERS)
-        config_type = variant(ControllerNodeConfig, {"supervisor": supervisor}, _NOT_OF_OTHERS)
+        supervisor = variant(SupervisorConfig, {"controller": Annotated[law.Config, PARTIAL]})
+        config_type = variant(ControllerNodeConfig, {"supervisor": supervisor}, without)
         found = parameters_of(config_type)
     except Exception as error:  # names used twice, annotations that do not resolve, ...
         cause = " ".join(f"{type(error).__name__}: {error}".split())
@@ -155,4 +154,8 @@ def parameter_set_of(overrides: Mapping[str, Any]) -> tuple[type[Any], Mapping[s
             )
         if one.name in _ROS_NAMES:
             raise InvalidValueError("law", text, f"a law without a parameter {one.name}, which every node has")
-    return config_type, None
+    return config_type
+
+
+CONTROLLER_PRESETS = {name: (parameter_set_of({"preset": name})[1] or {})[name] for name in PRESETS}
+"""The sets of defaults that the parameter ``preset`` selects."""

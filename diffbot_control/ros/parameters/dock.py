@@ -1,47 +1,69 @@
-"""Parameters of the node ``ekf`` for a dock that is detected: its filter is in the frame of the dock."""
+"""Parameters of the node ``dock_ekf``: an ekf whose poses are in the frame of a detected dock. Free of ROS."""
 
 from __future__ import annotations
 
 import math
+from types import MappingProxyType
 from typing import Annotated, NamedTuple
 
-from diffbot_control.filter.dock import Mounting
-from diffbot_core.geometry import Pose
-from diffbot_core.ranges import HEADING, POSITION
-from diffbot_core.schema import Spec
+from diffbot_control.filter.dock import DockedPose
+from diffbot_control.ros.parameters.ekf import EkfNodeConfig
+from diffbot_core.schema import HEADING, POSITION, Spec, variant
 
-NO_DOCK, POSE, POSE_WITH_COVARIANCE = "none", "pose", "pose_with_covariance"
+POSE, POSE_WITH_COVARIANCE = "pose", "pose_with_covariance"
 
 
 class DockDetection(NamedTuple):
-    """What detects the dock, where it is on the robot, and how well it measures."""
+    """The detections of a dock, and the pose of the docked robot in the frame of the detected marker."""
 
     dock_detection: Annotated[
         str,
         Spec(
-            "type of detected_dock_pose: PoseStamped or PoseWithCovarianceStamped; the poses of the filter are then in "
-            "the dock's frame, whose origin is the docked robot",
-            choices=(NO_DOCK, POSE, POSE_WITH_COVARIANCE),
+            "type of detected_dock_pose: PoseStamped or PoseWithCovarianceStamped",
+            choices=(POSE, POSE_WITH_COVARIANCE),
             read_only=True,
         ),
-    ] = NO_DOCK
-    detector_frame: Annotated[str, Spec("frame of the detections; empty: base_link_frame", read_only=True)] = ""
-    detector_x: Annotated[float, Spec("x of that frame on the robot", "m", *POSITION)] = 0.0
-    detector_y: Annotated[float, Spec("y of that frame on the robot", "m", *POSITION)] = 0.0
-    detector_yaw: Annotated[float, Spec("heading of that frame on the robot", "rad", *HEADING)] = 0.0
-    docked_x: Annotated[float, Spec("x of the docked robot in the frame of what is detected", "m", *POSITION)] = 0.0
-    docked_y: Annotated[float, Spec("y of the docked robot there", "m", *POSITION)] = 0.0
-    docked_yaw: Annotated[float, Spec("heading of the docked robot there", "rad", *HEADING)] = 0.0
+    ] = POSE_WITH_COVARIANCE
+    docked_x: Annotated[float, Spec("x of the docked robot in the frame of the detected marker", "m", *POSITION)] = 0.0
+    docked_y: Annotated[float, Spec("y of the docked robot in the frame of the detected marker", "m", *POSITION)] = 0.0
+    docked_yaw: Annotated[
+        float, Spec("heading of the docked robot in the frame of the detected marker", "rad", *HEADING)
+    ] = 0.0
     dock_sigma: Annotated[
-        float, Spec("deviation of x and of y of a detection without covariance, at the dock", "m", 1e-4, 10.0)
+        float,
+        Spec(
+            "deviation of x and of y of a detection without covariance, at the dock; each metre adds 1 cm",
+            "m",
+            1e-4,
+            10.0,
+        ),
     ] = 0.01
-    dock_sigma_per_metre: Annotated[float, Spec("what a metre of distance adds to it", "m/m", 0.0, 1.0)] = 0.01
-    dock_yaw_sigma: Annotated[float, Spec("deviation of its heading at the dock", "rad", 1e-4, math.pi)] = 0.02
-    dock_yaw_sigma_per_metre: Annotated[float, Spec("what a metre of distance adds to it", "rad/m", 0.0, 1.0)] = 0.01
+    dock_yaw_sigma: Annotated[
+        float,
+        Spec(
+            "deviation of the heading of a detection without covariance, at the dock; each metre adds 0.01 rad",
+            "rad",
+            1e-4,
+            math.pi,
+        ),
+    ] = 0.02
 
-    def mounting(self) -> Mounting:
-        """Return where the detector and the docked robot are."""
-        return Mounting(
-            Pose(self.detector_x, self.detector_y, self.detector_yaw),
-            Pose(self.docked_x, self.docked_y, self.docked_yaw),
-        )
+    def docked(self) -> DockedPose:
+        """Return the pose of the docked robot in the frame of the marker."""
+        return DockedPose(self.docked_x, self.docked_y, self.docked_yaw)
+
+
+DEFAULTS = MappingProxyType(
+    {
+        "map_frame": "dock",
+        "publish_tf": False,
+        # A dock does not move: detections that contradict the estimate are outliers or belong to another dock.
+        "relocation_fixes": 1_000_000,
+        # The last part of an approach is driven by odometry alone, so the errors of the wheels matter.
+        "wheels_as_configured": 0.0,
+        "wheel_radius_sigma": 0.02,
+    }
+)
+"""Defaults that differ from those of an ekf in map."""
+DockEkfConfig = variant(EkfNodeConfig, {"dock": DockDetection}, values=DEFAULTS)
+"""Parameters of the node ``dock_ekf``."""

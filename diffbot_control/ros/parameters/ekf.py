@@ -1,30 +1,22 @@
-"""Parameters of the node ``ekf``, named as in robot_localization where that fits."""
+"""Parameters of the node ``ekf``; the names are those of robot_localization where the meaning is the same."""
 
 from __future__ import annotations
 
 from typing import Annotated, NamedTuple
 
-from diffbot_control.filter.landmark_map import LandmarkMap
-from diffbot_control.filter.localization_config import LocalizationConfig
+from diffbot_control.filter.config import MAX_SIGMA, MIN_SIGMA, LandmarkMap, LocalizationConfig
 from diffbot_control.ros.frames import PREFIX_TEXT, RELIABLE_TEXT
-from diffbot_control.ros.parameters.dock import DockDetection
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.kinematics import WheelGeometry
-from diffbot_core.ranges import TIMEOUT
-from diffbot_core.ros.fault_parameters import FaultConfig
-from diffbot_core.ros.lifecycle_parameters import LifecycleConfig
-from diffbot_core.schema import Spec
-
-_MIN_SIGMA, _MAX_SIGMA = 1e-4, 1e3
-"""Standard deviations [m], [rad] that a filter can compute with."""
-
+from diffbot_core.parameter_groups import FaultConfig, LifecycleConfig
+from diffbot_core.schema import TIMEOUT, Spec
 
 _TOPICS = ("global_pose", "heading", "imu", "landmarks", "initialpose", "odom", "joint_states", "detected_dock_pose")
 """Inputs whose topics are fixed."""
 
 
 class SensorNoise(NamedTuple):
-    """Standard deviations that are used for messages without a usable covariance; all zero means unknown."""
+    """Standard deviations for messages without a usable covariance; 0 means unknown."""
 
     global_pose_sigma_xy: Annotated[
         float,
@@ -32,7 +24,7 @@ class SensorNoise(NamedTuple):
             "deviation of x and y of global_pose without a usable covariance; 0: drop it",
             "m",
             minimum=0.0,
-            maximum=_MAX_SIGMA,
+            maximum=MAX_SIGMA,
         ),
     ] = 0.0
     global_pose_sigma_yaw: Annotated[
@@ -41,12 +33,12 @@ class SensorNoise(NamedTuple):
             "deviation of the heading of global_pose without a usable covariance; 0: drop it",
             "rad",
             minimum=0.0,
-            maximum=_MAX_SIGMA,
+            maximum=MAX_SIGMA,
         ),
     ] = 0.0
     heading_sigma: Annotated[
         float,
-        Spec("deviation of heading without a usable covariance; 0: drop it", "rad", minimum=0.0, maximum=_MAX_SIGMA),
+        Spec("deviation of heading without a usable covariance; 0: drop it", "rad", minimum=0.0, maximum=MAX_SIGMA),
     ] = 0.0
     gyro_sigma: Annotated[
         float,
@@ -54,32 +46,33 @@ class SensorNoise(NamedTuple):
             "deviation of the turn rate of imu without a usable covariance; 0: drop it",
             "rad/s",
             minimum=0.0,
-            maximum=_MAX_SIGMA,
+            maximum=MAX_SIGMA,
         ),
     ] = 0.01
     landmark_range_sigma: Annotated[
-        float, Spec("deviation of a range to a landmark without variances", "m", minimum=_MIN_SIGMA, maximum=_MAX_SIGMA)
+        float, Spec("deviation of a range to a landmark without variances", "m", minimum=MIN_SIGMA, maximum=MAX_SIGMA)
     ] = 0.06
-    landmark_range_sigma_per_metre: Annotated[
-        float, Spec("by what landmark_range_sigma grows with the range", "m/m", minimum=0.0, maximum=1.0)
-    ] = 0.0
     landmark_bearing_sigma: Annotated[
         float,
-        Spec("deviation of a bearing to a landmark without variances", "rad", minimum=_MIN_SIGMA, maximum=_MAX_SIGMA),
+        Spec("deviation of a bearing to a landmark without variances", "rad", minimum=MIN_SIGMA, maximum=MAX_SIGMA),
     ] = 0.03
     override_covariance: Annotated[
         bool, Spec("the deviations set by parameters, where not 0, replace the covariances of messages")
     ] = False
 
     def check(self) -> None:
-        """Refuse standard deviations that a filter cannot compute with.
+        """Refuse standard deviations that are too small for the filter.
 
         Raises:
             InvalidValueError: if one is neither 0 nor at least 1e-4.
         """
         for name in ("global_pose_sigma_xy", "global_pose_sigma_yaw", "heading_sigma", "gyro_sigma"):
-            if 0.0 < getattr(self, name) < _MIN_SIGMA:
-                raise InvalidValueError(name, getattr(self, name), f"0 or >= {_MIN_SIGMA:g}")
+            if 0.0 < getattr(self, name) < MIN_SIGMA:
+                raise InvalidValueError(name, getattr(self, name), f"0 or >= {MIN_SIGMA:g}")
+
+
+class NoDock(NamedTuple):
+    """Placeholder for the parameters of a dock, which only ``dock_ekf`` has."""
 
 
 class EkfNodeConfig(NamedTuple):
@@ -88,23 +81,15 @@ class EkfNodeConfig(NamedTuple):
     localization: LocalizationConfig = LocalizationConfig()
     wheels: WheelGeometry = WheelGeometry()
     odometry_source: Annotated[
-        str, Spec("what predicts the motion", choices=("odom", "joint_states"), read_only=True)
+        str, Spec("topic that predicts the motion", choices=("odom", "joint_states"), read_only=True)
     ] = "odom"
-    wheel_noise: Annotated[
-        float,
-        Spec(
-            "bound of the relative error of each wheel speed, independent from message to message, for joint_states",
-            minimum=0.0,
-            maximum=1.0,
-        ),
-    ] = 0.05
     noise: SensorNoise = SensorNoise()
     landmarks: LandmarkMap = LandmarkMap()
-    dock: DockDetection = DockDetection()
+    dock: NoDock = NoDock()
     state_file: Annotated[
         str,
         Spec(
-            "file that keeps pose and wheel errors across a restart, relative to the working folder; empty: none",
+            "file that keeps pose and wheel errors across a restart, relative to the working folder; empty: no file",
             read_only=True,
         ),
     ] = ""
@@ -113,7 +98,8 @@ class EkfNodeConfig(NamedTuple):
     sensor_timeout: Annotated[
         float,
         Spec(
-            "time without odometry that is reported as silence; after a longer gap its twist counts for this time only",
+            "time without odometry after which the node reports silence; "
+            "the twist after a longer gap acts for this time only",
             "s",
             *TIMEOUT,
         ),
@@ -126,7 +112,7 @@ class EkfNodeConfig(NamedTuple):
     transform_tolerance: Annotated[
         float,
         Spec(
-            "time by which map -> odom is stamped into the future, so that it is valid for that long",
+            "how far map -> odom is stamped into the future, which is how long it is valid",
             "s",
             minimum=0.0,
             maximum=60.0,
@@ -145,4 +131,6 @@ class EkfNodeConfig(NamedTuple):
         """
         topics = self.localization.sources.pose_sources
         if twice := sorted(set(_TOPICS).intersection(topics)):
-            raise InvalidValueError("pose_sources", list(topics), f"topics of no other input, not {twice[0]}")
+            raise InvalidValueError(
+                "pose_sources", list(topics), sentence=f"{twice[0]} is also the topic of another input"
+            )

@@ -1,7 +1,7 @@
 import { rangeOf, roundStep, shown } from "./geometry.js";
 import { cleared } from "./map.js";
 
-// Strip charts: which curves belong together, and how they are drawn.
+// Strip charts: the curves of each chart, and how they are drawn.
 
 const DEGREES = 180 / Math.PI;
 const line = (curve, column, colour, label, factor = 1) => ({ curve, column, colour, label, factor });
@@ -20,8 +20,8 @@ const bound = (column, factor = 1) => line("filter", column, "", "", factor);
 
 const GROUPS = {
   "drive-charts": [
-    { title: "Distance to the goal", unit: "m", lines: [line("toGo", "distance", "goal", "distance")], near: true },
-    { title: "Heading error to the goal", unit: "deg", lines: [line("toGo", "heading", "goal", "heading", DEGREES)], near: true, turn: 360 },
+    { title: "Distance to the goal", unit: "m", lines: [line("to_goal", "distance", "goal", "distance")], near: true },
+    { title: "Heading error to the goal", unit: "deg", lines: [line("to_goal", "heading", "goal", "heading", DEGREES)], near: true, turn: 360 },
     { title: "v", unit: "m/s", lines: speeds("v"), limit: "v" },
     { title: "omega", unit: "rad/s", lines: speeds("omega"), limit: "omega" },
     { title: "Error of x, 3 sigma shaded", unit: "m", ...error("x") },
@@ -50,7 +50,7 @@ const GROUPS = {
 };
 const HEIGHT = 92;
 const LEFT = 62;
-const SHADED = /[,;] [^,;]*shaded.*/; // words about what a comparison does not draw
+const SHADED = /[,;] [^,;]*shaded.*/; // words of a title about shading, which a comparison does not draw
 const SHORTEST = 4; // [pixels] of a drag that zooms
 
 const columnOf = (robot, { curve, column }) => {
@@ -59,10 +59,11 @@ const columnOf = (robot, { curve, column }) => {
 };
 const hasNumbers = (robot, one) => {
   const found = columnOf(robot, one);
-  return found !== null && rangeOf(found.columns[one.column], 0, found.rows) !== null;
+  for (let i = 0; i < found?.rows; i += 1) if (Number.isFinite(found.columns[one.column][i])) return true;
+  return false;
 };
 
-/** The lines of a chart, each with its robot; of several runs, the best line of each in its own colour. */
+/** The lines of a chart, each with its robot; in a comparison, one line of each run in the colour of the run. */
 const linesOf = ({ lines }, robot, runs) => {
   if (!runs) return lines.map((one) => ({ ...one, robot }));
   return runs.flatMap((run) => {
@@ -71,14 +72,14 @@ const linesOf = ({ lines }, robot, runs) => {
   });
 };
 
-/** A number of an axis with this step, short enough to stand beside it. */
+/** A short text for a number of an axis with this step. */
 function axisNumber(value, step) {
   const power = Math.floor(Math.log10(step));
   if (power >= -4 || value === 0) return value.toFixed(Math.min(Math.max(-power, 0), 4));
   return value.toExponential(Math.max(Math.floor(Math.log10(Math.abs(value))) - power, 0));
 }
 
-/** Trace a column between two times, at most a low and a high point a pixel. */
+/** Trace a column between two times, with the first, lowest, highest and last value of each pixel. */
 function trace(context, curve, values, scale, factor, turn = Infinity) {
   const { t } = curve.columns;
   const begin = Math.max(curve.indexAt(scale.t0), 0);
@@ -175,21 +176,9 @@ export class Chart {
     });
     this.canvas.addEventListener("pointerleave", () => onHover(null));
     this.canvas.addEventListener("dblclick", () => onZoom(null));
-    this.canvas.addEventListener(
-      "wheel",
-      (event) => {
-        if (!(event.ctrlKey || event.shiftKey) || !this.scale) return; // else the page scrolls
-        event.preventDefault();
-        const { t0, t1 } = this.scale;
-        const t = timeAt(place(event));
-        const factor = Math.exp(0.0015 * (event.deltaY || event.deltaX));
-        onZoom([t + (t0 - t) * factor, t + (t1 - t) * factor]);
-      },
-      { passive: false },
-    );
   }
 
-  /** Lowest and highest value in a range of times, with what is to be seen beside the lines. */
+  /** Lowest and highest value of lines, bounds, band and limits in a range of times, with a margin. */
   valueRange(robot, t0, t1, constants) {
     const { bounds = [], limit, constant, band, turn = Infinity } = this.definition;
     let range = null;
@@ -218,7 +207,7 @@ export class Chart {
     this.lines = linesOf(definition, robot, runs);
     const isShown = this.lines.some((one) => hasNumbers(one.robot, one));
     this.box.classList.toggle("hidden", !isShown);
-    if (!isShown || !canvas.clientWidth) return; // none: its panel is closed
+    if (!isShown || !canvas.clientWidth) return; // no width: its panel is closed
     const context = cleared(canvas);
     const width = canvas.clientWidth;
     const [low, high] = this.valueRange(robot, t0, t1, constants);
@@ -312,14 +301,14 @@ export class Chart {
       if (x <= LEFT + 12 || x >= scale.width - 16) continue;
       const label = `${+(k * every).toFixed(3)} s`;
       const width = context.measureText(label).width + 4;
-      context.fillStyle = colours.panel; // so that no line runs through the label
+      context.fillStyle = colours.panel; // no line may run through the label
       context.fillRect(x - width / 2, HEIGHT - 13, width, 13);
       context.fillStyle = colours.faint;
       context.fillText(label, x, HEIGHT - 3);
     }
   }
 
-  /** Show a time by the line and by the numbers of the legend. */
+  /** Mark a time by the cursor, and show its values in the legend. */
   point(time, colours) {
     if (!this.scale || this.box.classList.contains("hidden")) return;
     const x = this.scale.x(time);

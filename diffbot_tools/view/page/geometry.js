@@ -1,4 +1,4 @@
-// Angles, ellipses, scales and searches: plain numbers in, plain numbers out.
+// Angles, ellipses, scales and searches with plain numbers.
 
 export const TWO_PI = 2 * Math.PI;
 
@@ -8,16 +8,13 @@ export function wrapAngle(angle) {
   return wrapped === -Math.PI ? Math.PI : wrapped;
 }
 
-/** Semi-axes and direction [rad] of the ellipse that holds 95 % of a position with this covariance. */
+/** Semi-axes and direction [rad] of the ellipse that contains a position with this covariance by 95 %. */
 export function ellipseOf(xx, xy, yy) {
   const mean = (xx + yy) / 2;
   const spread = Math.hypot((xx - yy) / 2, xy);
   const axis = (variance) => Math.sqrt(5.991 * Math.max(variance, 0));
   return { a: axis(mean + spread), b: axis(mean - spread), angle: Math.atan2(2 * xy, xx - yy) / 2 };
 }
-
-/** The larger of length and width [m] of a robot with wheels [radius, distance] and box [rear, front, right, left]; 0 without. */
-export const extentOf = ({ wheels, box }) => Math.max(wheels?.[1] ?? 0, ...(box ? [box[1] - box[0], box[3] - box[2]] : []));
 
 /** The largest of 1, 2, 5 times a power of ten that is at most `length`. */
 export function roundStep(length) {
@@ -54,9 +51,17 @@ export function shown(value, digits = 2) {
   return Number.isFinite(value) ? value.toFixed(digits).replace(/^-(0\.?0*)$/, "$1") : "–";
 }
 
+/** A length in words: centimetres below one metre. */
+export function lengthText(metres) {
+  if (!Number.isFinite(metres)) return "–";
+  return metres < 0.995 ? `${shown(100 * metres, 1)} cm` : `${shown(metres)} m`;
+}
+
+export const degrees = (angle, digits = 1) => shown((angle * 180) / Math.PI, digits);
+
 const NUMBER = /^[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$/i;
 
-/** The number that a text is as a whole; an error that names the field if it is none. */
+/** Convert a text to a number; throw an error that names the field if the text is not a number. */
 export function readNumber(name, text) {
   const word = text.trim();
   const value = NUMBER.test(word) ? Number(word) : NaN;

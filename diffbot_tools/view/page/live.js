@@ -1,6 +1,6 @@
-// The connection to `diffbot watch`: states and events come in, goals and other requests go out.
+// The connection to `diffbot watch`: receives states and events, sends goals and other requests.
 
-const RETRY = 1500;
+const RETRY = 1500; // [ms] from the loss of the connection to the next attempt
 
 export class Live {
   constructor({ onHello, onHistory, onState, onEvents, onAnswer, onConnected }) {

@@ -2,37 +2,31 @@ import { makeCharts } from "./charts.js";
 import { readNumber, shown } from "./geometry.js";
 import { Live } from "./live.js";
 import { drawArrow, drawMap, layersOf } from "./map.js";
-import { unpackRobots } from "./packing.js";
 import { add, EventList, MAX_EVENTS, showDiagnostics, showLaw, showResult, showSummary, showTopics, showValues } from "./panels.js";
 import { Player } from "./player.js";
-import { startPointer } from "./pointer.js";
-import { fragmentOf, readFragment } from "./share.js";
-import { Robot } from "./store.js";
+import { Robot, unpackRobots } from "./store.js";
 import { coloursOf, startTheme } from "./theme.js";
-import { View } from "./view.js";
-import { inWords } from "./words.js";
+import { startPointer, View } from "./view.js";
 
-// Puts the parts together: one page for a report with its data inside, and for a live robot.
+// Connects the parts. The page is a report with its data inside, or shows live robots.
 
 const $ = (id) => document.getElementById(id);
 const page = {
   data: JSON.parse($("data").textContent),
   robots: [],
-  robot: new Robot(""),
+  robot: new Robot("", { xy_tolerance: 0.1, yaw_tolerance: 0.1, limits: {}, nees: [0, 0] }),
   runs: null, // in a comparison: the robots, each with the name of its colour
-  constants: { xy_tolerance: 0.1, yaw_tolerance: 0.1, limits: {}, nees: [0, 0] },
   view: new View(),
   tools: { current: "pan", draw: null },
   hidden: new Set(),
   hover: null, // [s] of the cursor, or null
   zoom: null, // [s] range that the charts show, or null for that of the window
-  isPaused: false,
   frames: 0,
 };
 globalThis.diffbotPage = page; // for the console and the tests
 const WINDOWS = [["everything", Infinity], ["10 s", 10], ["60 s", 60], ["5 min", 300]];
 const FAST_FRAME = 22; // [ms] of a display of 50 Hz
-const PAUSE_FRAMES = 7; // a slow browser draws new data an eighth of the time
+const PAUSE_FRAMES = 7; // a slow browser spends an eighth of its time on drawing new data
 const REACH = 12; // [pixels] from the path within which the pointer shows its time
 const CONFIRM = 3000; // [ms] for the second press of a button that asks
 const RUNS = ["truth", "estimate", "plan"]; // whose colours the runs of a comparison have
@@ -58,7 +52,7 @@ const redraw = (withCharts = false) => {
   askFrame();
 };
 
-/** Redraw for new data: at once where a frame costs nothing, else seldom enough to leave the processor to the robot. */
+/** Redraw for new data: at once in a fast browser, else seldom, so that the processor remains free for the robot. */
 function redrawForData() {
   dataTimer ||= setTimeout(() => {
     dataTimer = 0;
@@ -71,18 +65,15 @@ const changeTheme = startTheme(document.documentElement, () => {
   redraw(true);
 });
 
-/** The time [s] that is shown: the slider's, or that of the newest row. */
+/** The time [s] that is shown: the time of the slider, or of the newest row. */
 function timeNow() {
   if (page.player) return page.player.time;
   const curve = page.robot.main;
   return curve?.rows ? curve.t[curve.rows - 1] : 0;
 }
 
-/** Show a time; a live page goes on, and marks it. */
-function goTo(time) {
-  if (page.player) page.player.go(time);
-  else hoverAt(time);
-}
+/** Show a time; a live page only marks it. */
+const goTo = (time) => (page.player ? page.player.go(time) : hoverAt(time));
 
 function hoverAt(time) {
   if (page.hover === time) return;
@@ -128,29 +119,30 @@ function drawFrame(now) {
     frameTime += 0.3 * (next - now - frameTime);
   });
   const time = timeNow();
-  const { hover, constants, hidden } = page;
-  const context = drawMap($("map"), page.view, page.robots, page.robot, page.runs, { time, hover, constants, hidden, colours });
-  if (page.tools.draw) drawArrow(context, page.view, page.tools.draw, 50, page.tools.current === "goal" ? colours.goal : colours.plan);
+  const { hover, hidden, robot, view } = page;
+  if (!page.player) view.keep(robot, time);
+  const context = drawMap($("map"), view, page.robots, robot, page.runs, { time, hover, hidden, colours });
+  if (page.tools.draw) drawArrow(context, view, page.tools.draw, 50, page.tools.current === "goal" ? colours.goal : colours.plan);
   const isMoving = time !== lastTime && !page.zoom && (!page.player || Number($("window").value) < page.player.end - page.player.begin);
   lastTime = time;
   if ((areChartsDirty || isMoving) && now - lastCharts > (areChartsDirty ? 15 : page.player ? 90 : 200)) {
     const [t0, t1] = chartSpan(time);
-    for (const chart of charts) chart.draw(page.robot, page.runs, t0, t1, page.constants, colours);
+    for (const chart of charts) chart.draw(robot, page.runs, t0, t1, robot.constants, colours);
     for (const panel of panels) panel.classList.toggle("hidden", !panel.querySelector(".chart:not(.hidden)"));
     lastCharts = now;
     areChartsDirty = false;
   } else if (areChartsDirty && page.player?.isPlaying !== true) redraw();
   for (const chart of charts) chart.point(hover ?? time, colours);
   events.point(time);
-  showValues($("values"), page.robot, hover ?? time);
-  showLaw($("law-values"), page.robot, hover ?? time);
+  showValues($("values"), robot, hover ?? time);
+  showLaw($("law-values"), robot, hover ?? time);
   showLegend();
   showState(time);
   const clock = page.player ? `${shown(time, 1)} s of ${shown(page.player.end, 1)} s` : `${shown(time, 1)} s`;
   $("clock").textContent = hover === null ? clock : `${clock}, cursor at ${shown(hover)} s`;
 }
 
-/** The legend holds what is there, each with a box that hides it. */
+/** The legend: the available layers, each with a box that hides it. */
 function showLegend() {
   const layers = page.runs?.map(({ name }) => name) ?? layersOf(page.robot);
   if ($("legend").dataset.layers === layers.join()) return;
@@ -173,13 +165,18 @@ function showLegend() {
 }
 
 function chooseRobot(name) {
-  page.robot = page.robots.find((one) => one.name === name) ?? page.robot;
-  if (page.robot.constants) page.constants = page.robot.constants;
+  page.robot = page.robots.find((one) => one.name === name) ?? page.robots[0];
+  $("robot").value = page.robot.name;
   events.clear();
   events.append(page.robot.events);
   showSummary($("summary"), page.runs ?? [page.robot]);
-  if (page.player) showResult($("result"), page.robot, goTo);
-  // What stands around the map, and so its size.
+  if (page.player) {
+    const [level, text] = page.robot.result;
+    $("title").textContent = text;
+    $("title").dataset.level = String(level);
+    showResult($("result"), page.robot, goTo);
+  } else showServices();
+  // The size of the map depends on the parts around it.
   showLegend();
   showValues($("values"), page.robot, timeNow());
   Object.assign(page.view, { width: $("map").clientWidth, height: $("map").clientHeight });
@@ -191,16 +188,14 @@ function setRobots(robots) {
   page.robots = robots;
   $("robot").replaceChildren(...robots.map((one) => new Option(one.name, one.name)));
   $("robot-label").classList.toggle("hidden", robots.length < 2);
-  chooseRobot(robots[0].name);
+  chooseRobot(page.robot.name);
 }
 
+/** The state at a time; at the end of a recording the last state is only that the nodes have ended. */
 function showState(time) {
-  const { robot } = page;
-  const at = (column) => robot.curves.toGo?.at(column, time) ?? NaN;
-  const toGo = { distance: at("distance"), heading: at("heading"), lateral: at("lateral") };
-  const status = { ...robot.stateAt(time), isPaused: page.isPaused };
-  const [level, text] = inWords(status, toGo, robot.speedAt(time), robot.timeLeft(time), page.constants.xy_tolerance);
+  const [level, text] = page.player && time >= page.player.end ? [0, "end of the recording"] : page.robot.stateAt(time);
   if ($("state").textContent !== text) $("state").textContent = text;
+  $("state").title = text;
   $("state").dataset.level = String(level);
 }
 
@@ -213,6 +208,7 @@ function alarm(text, seconds = 6, level = 2) {
   if (text && seconds < Infinity) hintTimer = setTimeout(() => alarm(""), seconds * 1000);
 }
 
+const keys = new Map([["d", changeTheme]]);
 function makeButton(text, key, action, isToggle = false) {
   const button = add($("tools"), "button", text, { type: "button", title: `${text} (${key})` });
   if (isToggle) button.setAttribute("aria-pressed", "false");
@@ -221,7 +217,7 @@ function makeButton(text, key, action, isToggle = false) {
   return button;
 }
 
-/** Act at the second press within some seconds; the first one asks. */
+/** Act at the second press within CONFIRM; the first press asks for it. */
 function confirmed(button, action) {
   const text = button.dataset.text;
   button.dataset.text = "";
@@ -238,7 +234,6 @@ function confirmed(button, action) {
   }, CONFIRM);
 }
 
-const keys = new Map([["d", changeTheme]]);
 document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.altKey || event.metaKey) return;
   if (event.target.closest("input:not([type=range], [type=checkbox]), select")) return;
@@ -251,14 +246,9 @@ document.addEventListener("keydown", (event) => {
 
 /** Show the coordinates under the pointer, and the time at which the robot was there. */
 function hoverMap(place) {
-  if (!place) {
-    $("place").textContent = "";
-    hoverAt(null);
-    return;
-  }
-  const [x, y] = page.view.toWorld(...place);
-  $("place").textContent = `x ${shown(x)} m, y ${shown(y)} m`;
-  hoverAt(page.robot.main?.timeNear(x, y, REACH / page.view.scale, timeNow()) ?? null);
+  const [x, y] = place ? page.view.toWorld(...place) : [NaN, NaN];
+  $("place").textContent = place ? `x ${shown(x)} m, y ${shown(y)} m` : "";
+  hoverAt(place ? (page.robot.main?.timeNear(x, y, REACH / page.view.scale, timeNow()) ?? null) : null);
 }
 
 function startMap(onPose) {
@@ -270,8 +260,6 @@ function startMap(onPose) {
     page.view.follow = !page.view.follow;
     redraw();
   }, true);
-  makeButton("Copy link", "l", copyLink);
-  addEventListener("hashchange", goToLink);
   startPointer($("map"), page.view, page.tools, { onPose, onHint: alarm, onChange: () => redraw(), onHover: hoverMap });
   setInterval(() => follow.setAttribute("aria-pressed", String(page.view.follow)), 200);
   for (const [text, length] of WINDOWS) $("window").add(new Option(text, String(length)));
@@ -283,36 +271,12 @@ function startMap(onPose) {
   new ResizeObserver(() => redraw(true)).observe(document.body);
 }
 
-/** Put this moment into the address, and the address into the clipboard where the browser allows it. */
-async function copyLink() {
-  const time = timeNow();
-  // A live page goes on: its link leads to what the charts show now.
-  history.replaceState(null, "", `#${fragmentOf({ ...page, zoom: page.player ? page.zoom : chartSpan(time) }, time)}`);
-  try {
-    await navigator.clipboard.writeText(location.href);
-    alarm("Link to this moment and view copied.", 5, 0);
-  } catch {
-    alarm("The address of this page now leads to this moment and view.", 5, 0);
-  }
-}
-
-function goToLink() {
-  const { robot, t, zoom, map } = readFragment(location.hash.slice(1));
-  if (robot && robot !== page.robot.name) {
-    chooseRobot(robot);
-    $("robot").value = page.robot.name;
-  }
-  if (t !== null) goTo(t);
-  if (map) Object.assign(page.view, map, { follow: false });
-  if (zoom) zoomTo(zoom);
-}
-
 async function startReport() {
   const { data } = page;
-  document.title = `${data.title} – diffbot`;
-  $("title").textContent = data.title;
   const robots = await unpackRobots(data);
   if (data.isComparison) page.runs = robots.map((robot, index) => Object.assign(robot, { colour: RUNS[index % RUNS.length] }));
+  document.title = `${robots.map(({ result }) => result[1]).join(", ")} – ${data.title}`;
+  $("source").textContent = data.title;
   startMap(() => {});
   $("player").classList.remove("hidden");
   $("result").classList.remove("hidden");
@@ -324,34 +288,47 @@ async function startReport() {
   if (page.runs) $("robot-label").firstChild.textContent = "Run ";
   setRobots(robots);
   page.player.go(data.span[1]);
-  goToLink();
+}
+
+const buttons = {}; // of the live page, by tool or service
+
+/** Enable the buttons whose services the robot has. */
+function showServices() {
+  for (const [name, { isThere, isOn }] of Object.entries({ pause: {}, reset: {}, dock: {}, ...page.robot.services, record: page.record ?? {} })) {
+    for (const button of name === "dock" ? [buttons.dock, buttons.undock] : [buttons[name]]) {
+      button.disabled = !isThere;
+      if (name !== "dock") button.setAttribute("aria-pressed", String(Boolean(isOn)));
+    }
+    if (name === "pause") buttons.pause.textContent = isOn ? "Resume" : "Pause";
+  }
 }
 
 function startLive() {
   const send = (request) => {
     if (!live.send({ robot: page.robot.name, ...request })) alarm("Not connected: nothing was sent.");
   };
+  const choose = (tool) => {
+    page.tools.current = tool;
+    for (const name of ["goal", "initialpose"]) buttons[name].setAttribute("aria-pressed", String(name === tool));
+    $("map").style.cursor = tool === "pan" ? "grab" : "crosshair";
+  };
   const sendPose = (kind, { x, y, theta }) => {
     send({ type: kind, x, y, yaw: theta });
     choose("pan");
   };
-  const buttons = {};
-  const choose = (tool) => {
-    page.tools.current = tool;
-    for (const [name, button] of Object.entries(buttons)) button.setAttribute("aria-pressed", String(name === tool));
-    $("map").style.cursor = tool === "pan" ? "grab" : "crosshair";
-  };
+  const isPressed = (name) => buttons[name].getAttribute("aria-pressed") === "true";
   const toggle = (tool) => choose(page.tools.current === tool ? "pan" : tool);
   startMap(sendPose);
   buttons.goal = makeButton("Goal pose", "g", () => toggle("goal"), true);
   buttons.initialpose = makeButton("Initial pose", "i", () => toggle("initialpose"), true);
   keys.set("Escape", () => choose("pan"));
   makeButton("Cancel goal", "c", () => send({ type: "cancel" }));
-  const extras = {
-    pause: makeButton("Pause", "p", () => send({ type: "pause", on: extras.pause.getAttribute("aria-pressed") !== "true" }), true),
-    reset: makeButton("Reset", "x", () => confirmed(extras.reset, () => send({ type: "reset" }))),
-    record: makeButton("Record", "r", () => send({ type: "record", on: extras.record.getAttribute("aria-pressed") !== "true" }), true),
-  };
+  buttons.dock = makeButton("Dock", "o", () => send({ type: "dock" }));
+  buttons.undock = makeButton("Undock", "u", () => send({ type: "undock" }));
+  buttons.pause = makeButton("Pause", "p", () => send({ type: "pause", on: !isPressed("pause") }), true);
+  buttons.reset = makeButton("Reset", "x", () => confirmed(buttons.reset, () => send({ type: "reset" })));
+  buttons.record = makeButton("Record", "r", () => send({ type: "record", on: !isPressed("record") }), true);
+  for (const name of ["dock", "undock", "pause", "reset", "record"]) buttons[name].disabled = true;
   $("window").value = "60";
   $("pose-form").classList.remove("hidden");
   $("pose-form").addEventListener("submit", (event) => {
@@ -365,51 +342,33 @@ function startLive() {
     }
   });
   let columns = {};
-  let isFitted = false; // once; a page that connects again keeps its view
   const find = (name) => page.robots.find((one) => one.name === name);
   const live = new Live({
     onHello(message) {
       ({ columns } = message);
-      page.constants = message.constants;
-      setRobots(message.robots.map((name) => new Robot(name)));
+      const view = { ...page.view };
+      const isFirst = !page.robots.length;
+      setRobots(message.robots.map((name) => new Robot(name, message.constants)));
+      if (!isFirst) Object.assign(page.view, view); // a page that connects again keeps its robot and its view
       choose("pan");
     },
     onHistory({ robot, curve, rows }) {
       for (const row of rows) find(robot)?.append(curve, columns[curve], row);
-      find(robot)?.hideAngles(page.constants.xy_tolerance);
     },
     onState(message) {
-      if (message.constants) {
-        page.constants = message.constants;
-        for (const { size } of page.robots) size.wheels = page.constants.wheels;
-      }
-      for (const [name, news] of Object.entries(message.robots)) {
+      for (const [name, { rows, plan, landmarks, state, ...news }] of Object.entries(message.robots)) {
         const robot = find(name);
         if (!robot) continue;
-        for (const [curve, row] of Object.entries(news.rows ?? {})) robot.append(curve, columns[curve], row);
-        if (news.rows?.law) robot.hideAngles(page.constants.xy_tolerance, robot.curves.law.rows - 1);
-        if (news.status) robot.status = news.status;
-        if (news.plan) robot.setPlan(news.plan);
-        if (news.landmarks) robot.see(news.landmarks);
-        if (news.dock) robot.dock = news.dock;
-        if (news.goals) robot.setGoals(news.goals);
-        if (news.box) robot.size.box = news.box;
+        for (const [curve, row] of Object.entries(rows ?? {})) robot.append(curve, columns[curve], row);
+        if (plan) robot.setPlan(plan);
+        if (landmarks) robot.see(landmarks);
+        if (state) robot.states = [[-Infinity, ...state.slice(1)]];
+        Object.assign(robot, news); // goals, dock, constants, services
         robot.derive();
       }
-      if (!isFitted && page.robot.main) {
-        isFitted = true;
-        page.view.fit(page.robot);
-        goToLink();
-      }
+      page.record = message.record ?? page.record;
+      showServices();
       if (message.diagnostics) showDiagnostics($("diagnostics"), message.diagnostics);
-      for (const [name, { isThere, isOn }] of Object.entries(message.services ?? {})) {
-        extras[name].disabled = !isThere;
-        extras[name].setAttribute("aria-pressed", String(isOn));
-        if (name === "pause") {
-          page.isPaused = isOn;
-          extras.pause.textContent = isOn ? "Resume" : "Pause";
-        }
-      }
       redrawForData();
     },
     onEvents(message) {

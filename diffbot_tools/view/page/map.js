@@ -1,14 +1,14 @@
-import { drawDock } from "./dock.js";
-import { ellipseOf, extentOf, lastAtMost, roundStep, shown, TWO_PI } from "./geometry.js";
+import { ellipseOf, lastAtMost, roundStep, shown, TWO_PI } from "./geometry.js";
 
-// Draws the map: grid, paths, fixes, goals with tolerance and region, robots.
+// Draws the map: grid, paths, fixes, goals with tolerance and region, landmarks, the dock, robots.
 
 const PATHS = ["odometry", "truth", "estimate"];
-const SYMBOL = 9; // [pixels] of a robot whose size is not known, and of one too small to be seen
+const SYMBOL = 9; // [pixels] smallest radius of a robot, and the radius of a robot of unknown size
 const MAX_ELLIPSES = 60;
 const MAX_WAYPOINTS = 50;
+const CROSS = 4; // [pixels] of a detection of the dock
 
-/** A canvas with sharp pixels: returns its context, cleared, in units of CSS pixels. */
+/** Clear a canvas, whose pixels are those of the screen, and return its context in units of CSS pixels. */
 export function cleared(canvas) {
   const ratio = Math.min(globalThis.devicePixelRatio || 1, 2);
   const width = canvas.clientWidth;
@@ -48,21 +48,7 @@ function drawGrid(context, view, colours) {
   context.stroke();
 }
 
-function drawScaleBar(context, view, colours) {
-  const length = roundStep(110 / view.scale);
-  const [right, y] = [view.width - 12, view.height - 22];
-  const left = right - length * view.scale;
-  context.strokeStyle = context.fillStyle = colours.faint;
-  context.lineWidth = 2;
-  context.beginPath();
-  for (const [px, py] of [[left, y - 4], [left, y], [right, y], [right, y - 4]]) context.lineTo(px, py);
-  context.stroke();
-  context.textAlign = "center";
-  context.fillText(`${+length.toPrecision(1)} m`, (left + right) / 2, y - 6);
-  context.textAlign = "left";
-}
-
-/** Trace rows from `begin` to `end`; points closer than 3 pixels to the last one are left out, as nobody sees them. */
+/** Trace rows from `begin` to `end` without points that are closer than 3 pixels to the previous point. */
 function tracePath(context, view, curve, begin, end) {
   const { x, y } = curve.columns;
   let lastX = Infinity;
@@ -80,8 +66,8 @@ function tracePath(context, view, curve, begin, end) {
 }
 
 /**
- * The paths, kept as an image: while the view stays, only what is new since the last frame is added to it. Paths of many
- * minutes overlap themselves, and to stroke them anew in each frame takes longer than a frame.
+ * The paths as an image. While the view does not change, a frame adds only the new rows, since stroking paths of many
+ * minutes takes longer than a frame.
  */
 class PathLayer {
   constructor() {
@@ -108,7 +94,7 @@ class PathLayer {
       }
     }
     for (const name of shown) {
-      // From the last point on: joined to what is there.
+      // From the last drawn point on, so that the parts are joined.
       if (ends[name] > this.drawn[name]) this.add(layer, view, robot.curves[name], Math.max(this.drawn[name] - 1, 0), ends[name], name, colours, 1);
       this.drawn[name] = ends[name];
     }
@@ -151,7 +137,7 @@ function addEllipse(context, view, columns, index) {
   context.ellipse(px, py, radius, b * view.scale, -angle, 0, TWO_PI);
 }
 
-/** Ellipses of 95 % along the path, at least 60 pixels apart and not too many, and the present one filled. */
+/** At most MAX_ELLIPSES ellipses of 95 % along the path, at least 60 pixels apart, and the current one filled. */
 function drawEllipses(context, view, curve, time, colours) {
   if (!curve.columns.xx) return;
   const { x, y } = curve.columns;
@@ -221,15 +207,15 @@ function drawGoal(context, view, robot, time, constants, colours) {
   context.stroke();
   context.setLineDash([]);
   context.fillStyle = colours.goal;
-  context.fillText(`${isNear ? "in Omega_L" : "Omega_L"}, eps_P ${shown(radius)} m`, px + 10, py + radius * view.scale + 14);
+  const text = `${isNear ? "in Omega_L" : "Omega_L"}, eps_P ${shown(radius)} m`;
+  context.fillText(text, Math.min(px + 10, view.width - context.measureText(text).width - 4), py + radius * view.scale + 14);
 }
 
-/** A robot as it is: both wheels, its box or the circle through the wheels, and a nose; a symbol if its size is unknown. */
-function drawRobot(context, view, pose, { wheels, box }, colour, filled, name = "") {
+/** A robot: both wheels, the circle through them, and a nose; a symbol if its size is unknown. */
+function drawRobot(context, view, pose, wheels, colour, filled, name = "") {
   const [px, py] = view.toScreen(pose.x, pose.y);
   const [radius, track] = wheels ?? [0, 0];
-  const size = extentOf({ wheels, box });
-  const scale = size ? Math.max(view.scale, (2 * SYMBOL) / size) : 0; // [pixels/m]: a small robot has to be seen, too
+  const scale = track ? Math.max(view.scale, (2 * SYMBOL) / track) : 0; // [pixels/m], large enough for a small robot to be visible
   const r = (scale * track) / 2 || SYMBOL;
   context.save();
   context.translate(px, py);
@@ -237,19 +223,17 @@ function drawRobot(context, view, pose, { wheels, box }, colour, filled, name = 
   context.strokeStyle = context.fillStyle = colour;
   context.lineWidth = 2;
   context.beginPath();
-  if (box) context.rect(scale * box[0], -scale * box[3], scale * (box[1] - box[0]), scale * (box[3] - box[2]));
-  else context.arc(0, 0, r, 0, TWO_PI);
+  context.arc(0, 0, r, 0, TWO_PI);
   context.globalAlpha = 0.25;
   if (filled) context.fill();
   context.globalAlpha = 1;
   context.moveTo(0, 0);
-  context.lineTo(box ? scale * box[1] : r, 0);
+  context.lineTo(r, 0);
   context.stroke();
   if (wheels) for (const side of [-1, 1]) context.fillRect(-scale * radius, side * r - 2, 2 * scale * radius, 4);
   context.restore();
-  if (!name) return;
   context.fillStyle = colour;
-  context.fillText(name, px + r + 4, py - r - 2);
+  if (name) context.fillText(name, px + r + 4, py - r - 2);
 }
 
 function drawPlan(context, view, points, colour) {
@@ -282,14 +266,61 @@ function drawLandmarks(context, view, robot, time, colours) {
     context.beginPath();
     for (const [dx, dy] of [[0, -7], [7, 0], [0, 7], [-7, 0]]) context.lineTo(px + dx, py + dy);
     context.closePath();
-    // Begin and end of each interval take turns.
+    // `inView` alternates between begin and end of an interval.
     if (lastAtMost(inView, inView.length, time) % 2 === 0) context.fill();
     context.stroke();
     context.fillText(String(number), px + 8, py - 5);
   }
 }
 
-/** Names of what this map can show of a robot, in the order of the legend. */
+/**
+ * The dock as model.py places it, where `pose` may be null: its axis out to the staging pose, the corridor of the approach,
+ * a bar where the docked robot ends, and the newest detections.
+ */
+function drawDock(context, view, dock, wheels, colours) {
+  context.lineWidth = 1.5;
+  if (dock.pose) {
+    const [x, y, theta] = dock.pose;
+    const side = dock.isBackward ? -1 : 1;
+    const at = (along, across) => {
+      const [c, s] = [Math.cos(theta), Math.sin(theta)];
+      return view.toScreen(x + side * along * c - across * s, y + side * along * s + across * c);
+    };
+    const line = (...points) => {
+      context.beginPath();
+      for (const [along, across] of points) context.lineTo(...at(along, across));
+    };
+    const { staging, halfWidth } = dock;
+    line([-staging, halfWidth], [0, halfWidth], [0, -halfWidth], [-staging, -halfWidth]);
+    context.fillStyle = colours.near;
+    context.fill();
+    context.strokeStyle = context.fillStyle = colours.dock;
+    line([-staging, 0], [0, 0]);
+    context.setLineDash([6, 4]);
+    context.stroke();
+    context.setLineDash([]);
+    const half = (wheels?.[1] ?? 0.3) / 2;
+    context.lineWidth = 6;
+    line([half, half], [half, -half]);
+    context.stroke();
+    context.lineWidth = 1.5;
+    context.beginPath();
+    context.arc(...at(-staging, 0), 3, 0, 2 * Math.PI);
+    context.fill();
+  }
+  context.strokeStyle = colours.dock;
+  context.beginPath();
+  for (const [x, y] of dock.detections) {
+    const [px, py] = view.toScreen(x, y);
+    for (const side of [-1, 1]) {
+      context.moveTo(px - CROSS, py - side * CROSS);
+      context.lineTo(px + CROSS, py + side * CROSS);
+    }
+  }
+  context.stroke();
+}
+
+/** Names of the layers of the map that a robot has, in the order of the legend. */
 export function layersOf({ curves, plan, landmarks, dock }) {
   const has = {
     ellipses: curves.estimate?.columns.xx && curves.estimate.rows,
@@ -303,19 +334,20 @@ export function layersOf({ curves, plan, landmarks, dock }) {
 
 /** The best path of each run up to a time, and its robot, in its own colour. */
 function drawRuns(context, view, runs, { time, hidden, colours }) {
-  for (const { name, main, colour, size } of runs) {
+  for (const { name, main, colour, constants } of runs) {
     if (!main || hidden.has(name)) continue;
     context.strokeStyle = colours[colour];
     context.lineWidth = 2;
     tracePath(context, view, main, 0, main.indexAt(time) + 1);
     context.stroke();
     const pose = main.poseAt(time);
-    if (pose) drawRobot(context, view, pose, size, colours[colour], false);
+    if (pose) drawRobot(context, view, pose, constants.wheels, colours[colour], false);
   }
 }
 
-/** Draw everything of one robot at a time, and where the others are; `hover` [s] or null is marked on the path. */
-export function drawMap(canvas, view, robots, robot, runs, { time, hover, constants, hidden, colours }) {
+/** Draw one robot with all its layers at a time, and the poses of the others; mark the pose at `hover` [s] or null. */
+export function drawMap(canvas, view, robots, robot, runs, { time, hover, hidden, colours }) {
+  const { constants } = robot;
   const context = cleared(canvas);
   view.width = canvas.clientWidth;
   view.height = canvas.clientHeight;
@@ -324,7 +356,6 @@ export function drawMap(canvas, view, robots, robot, runs, { time, hover, consta
   drawGrid(context, view, colours);
   const marked = hover === null ? null : robot.main?.poseAt(hover);
   if (marked) drawArrow(context, view, marked, 16, colours.text);
-  drawScaleBar(context, view, colours);
   if (runs) {
     drawGoal(context, view, robot, time, constants, colours);
     drawRuns(context, view, runs, { time, hidden, colours });
@@ -336,18 +367,18 @@ export function drawMap(canvas, view, robots, robot, runs, { time, hover, consta
   if (curves.estimate && !hidden.has("ellipses")) drawEllipses(context, view, curves.estimate, time, colours);
   if (!hidden.has("plan")) drawPlan(context, view, robot.planAt(time), colours.plan);
   if (!hidden.has("landmarks")) drawLandmarks(context, view, robot, time, colours);
-  if (robot.dock && !hidden.has("dock")) drawDock(context, view, robot.dock, robot.size, colours);
+  if (robot.dock && !hidden.has("dock")) drawDock(context, view, robot.dock, constants.wheels, colours);
   drawGoal(context, view, robot, time, constants, colours);
   for (const other of robots) {
     for (const name of ["truth", "estimate"]) {
       const pose = other.curves[name]?.poseAt(time);
       if (pose && !hidden.has(name) && (other === robot || other.curves[name] === other.main)) {
         const label = robots.length > 1 && other.curves[name] === other.main ? other.name : "";
-        drawRobot(context, view, pose, other.size, other === robot ? colours[name] : colours.faint, name === "estimate", label);
+        drawRobot(context, view, pose, other.constants.wheels, other === robot ? colours[name] : colours.faint, name === "estimate", label);
       }
     }
     if (!other.curves.truth && !other.curves.estimate && other.main?.poseAt(time)) {
-      drawRobot(context, view, other.main.poseAt(time), other.size, colours.odometry, true, robots.length > 1 ? other.name : "");
+      drawRobot(context, view, other.main.poseAt(time), other.constants.wheels, colours.odometry, true, robots.length > 1 ? other.name : "");
     }
   }
   return context;

@@ -1,12 +1,11 @@
-import { shown } from "./geometry.js";
-import { degrees, lengthText } from "./words.js";
+import { degrees, lengthText, shown } from "./geometry.js";
 
-// Texts beside the drawings. Whatever comes from a bag or a robot is set as text, never as markup.
+// Texts beside the drawings. Texts from a bag or a robot are set as text, never as markup.
 
-/** Events that are kept; the oldest go first. */
+/** Events that are kept; beyond this number, the oldest are dropped. */
 export const MAX_EVENTS = 2000;
 
-const MANY = 8; // goals whose cards do not fit onto the first screen
+const MANY = 5; // with more goals, a card shows its verdict only, and its lines as a hint
 
 /** Append an element with a text and attributes; return it. */
 export function add(parent, tag, text = "", attributes = {}) {
@@ -36,51 +35,55 @@ export function fillTable(parent, title, head, rows) {
   }
 }
 
-/** The result of a report: health, and a card for each goal, which goes to its end. */
+/** The result of a report: its health in words, and a card for each goal; a click on a card shows the end of its goal. */
 export function showResult(parent, robot, onTime) {
   parent.replaceChildren();
-  const rows = robot.summary;
-  const reached = rows.filter((one) => one.end.startsWith("reached") && one.level === 0).length;
-  // A path is one goal, which is its last pose.
-  const total = rows.filter((one) => one.end !== "passed").length;
   const head = add(parent, "p", "", { class: "health" });
-  if (total) add(head, "strong", `${reached} of ${total} ${total === 1 ? "goal" : "goals"} reached`);
-  for (const [level, text] of robot.health) add(head, "span", text, { "data-level": String(level) });
-  const cards = add(parent, "div", "", { class: "cards" });
-  // Of many goals, those that failed come first.
-  const shownRows = rows.length > MANY ? [...rows].sort((a, b) => b.level - a.level) : rows;
-  shownRows.forEach((one) => {
-    const [x, y, theta] = one.goal;
-    const card = add(cards, "button", "", { type: "button", "data-level": String(one.level) });
-    add(card, "small", `Goal ${rows.indexOf(one) + 1}: ${shown(x)}, ${shown(y)} m, ${degrees(theta, 0)} deg`);
-    add(card, "strong", one.verdict, { "data-level": String(one.level) });
-    for (const [level, text] of one.lines) add(card, "span", text, { "data-level": String(level) });
-    card.addEventListener("click", () => onTime(one.ended ?? one.time));
-  });
+  for (const [level, words] of robot.health) add(head, "span", words, { "data-level": String(level) });
+  const cards = add(parent, "div", "", { class: robot.cards.length > MANY ? "cards many" : "cards" });
+  const rows = robot.cards.map((one, index) => ({ ...one, number: index + 1 }));
+  // With many goals, the missed goals come first.
+  if (rows.length > MANY) rows.sort((one, other) => Math.max(other.level, 0) - Math.max(one.level, 0));
+  for (const { goal: [x, y, theta], number, level: own, verdict, lines, ended, accepted } of rows) {
+    const card = add(cards, "button", "", { type: "button", "data-level": String(own) });
+    add(card, "small", `Goal ${number}: ${shown(x)}, ${shown(y)} m, ${degrees(theta, 0)} deg`);
+    add(card, "strong", verdict);
+    if (rows.length > MANY) card.title = lines.map(([, words]) => words).join("\n");
+    else for (const [one, words] of lines) add(card, "span", words, { "data-level": String(one) });
+    card.addEventListener("click", () => onTime(ended ?? accepted));
+  }
 }
 
-/** The table of goals and how they ended; of several runs goal by goal, with the differences to the first run. */
+const FIGURES = [
+  ["time [s]", "time", 1],
+  ["error [m]", "position_error", 4],
+  ["heading error [deg]", "heading_error", 1, 180 / Math.PI],
+  ["path [m]", "path_length", 2],
+  ["direct [m]", "direct_distance", 2],
+  ["turns", "revolutions", 2],
+];
+
+/** The table of goals and how they ended; in a comparison goal by goal, with the differences to the first run. */
 export function showSummary(parent, robots) {
   const isComparison = robots.length > 1;
-  const head = ["goal (x, y, heading)", "sent [s]", "end", "error [m]", "heading error [deg]", "settled [s]", "path [m]", "direct [m]"];
   const rows = [];
-  for (let i = 0; i < Math.max(...robots.map(({ summary }) => summary.length)); i += 1) {
-    for (const { name, summary } of robots) {
-      const [one, first] = [summary[i], robots[0].summary[i]];
+  for (let i = 0; i < Math.max(...robots.map(({ cards }) => cards.length)); i += 1) {
+    for (const { name, cards } of robots) {
+      const [one, first] = [cards[i], robots[0].cards[i]];
       if (!one) continue;
-      const value = (key, digits, factor = 1) => {
+      const figures = FIGURES.map(([, key, digits, factor = 1]) => {
         const difference = factor * (one[key] - first?.[key]);
-        const isOther = one !== first && Number.isFinite(one[key]) && Number.isFinite(first?.[key]);
-        return `${shown(one[key] === undefined ? NaN : factor * (one[key] ?? NaN), digits)}${isOther ? ` (${difference < 0 ? "" : "+"}${shown(difference, digits)})` : ""}`;
-      };
+        const isOther = one !== first && one[key] !== null && (first?.[key] ?? null) !== null;
+        return `${shown(factor * (one[key] ?? NaN), digits)}${isOther ? ` (${difference < 0 ? "" : "+"}${shown(difference, digits)})` : ""}`;
+      });
       const [x, y, theta] = one.goal;
-      const end = [one.end || "–", /^(not reached|pose lost)/.test(one.end) ? "bad" : ""];
       const goal = `${shown(x)}, ${shown(y)}, ${degrees(theta)} deg`;
-      const figures = [value("position_error", 4), value("heading_error", 1, 180 / Math.PI), value("settled", 1), value("path", 2), value("direct", 2)];
-      rows.push([...(isComparison ? [name] : []), goal, shown(one.time, 1), end, ...figures]);
+      rows.push([...(isComparison ? [name] : []), goal, shown(one.accepted, 1), [one.end || "–", one.level > 1 ? "bad" : ""], ...figures]);
     }
   }
-  fillTable(parent, isComparison ? "Goals, with the differences to the first run" : "Goals", isComparison ? ["run", ...head] : head, rows);
+  const head = ["goal (x, y, heading)", "accepted [s]", "end", ...FIGURES.map(([text]) => text)];
+  const title = `Goals: time from acceptance to answer, error of the pose at the answer${isComparison ? "; differences to the first run" : ""}`;
+  fillTable(parent, title, isComparison ? ["run", ...head] : head, rows);
 }
 
 /** The table of topics: rates, gaps and delays. */
@@ -157,15 +160,15 @@ export class EventList {
   }
 }
 
-/** The present numbers below the map; live ones and those of a report are the same. */
+/** The numbers below the map at a time. */
 export function showValues(parent, robot, time) {
   const pose = robot.main?.poseAt(time);
   const at = (curve, column) => robot.curves[curve]?.at(column, time) ?? NaN;
   const error = robot.errorAt(time);
   const speed = robot.speedAt(time);
   const values = [
-    ["to goal", lengthText(at("toGo", "distance"))],
-    ["heading error", degrees(at("toGo", "heading")), "deg"],
+    ["to goal", lengthText(at("to_goal", "distance"))],
+    ["heading error", degrees(at("to_goal", "heading")), "deg"],
     ["since goal", shown(robot.clockAt(time), 1), "s"],
     ["v", shown(speed.v), "m/s"],
     ["omega", shown(speed.omega), "rad/s"],
@@ -186,7 +189,7 @@ const LAW = [
   ["region", "", "Omega_G: far, the law drives and steers; Omega_L: near, it drives and holds the heading"],
 ];
 
-/** The law's variables, with a line each on what it is. */
+/** The law's variables at a time, each with an explanation. */
 export function showLaw(parent, robot, time) {
   const { law } = robot.curves;
   if (!law) return;

@@ -29,7 +29,7 @@ export class Player {
     this.onTime();
   }
 
-  /** Go on by the time of one frame, which comes at `now` [ms]. */
+  /** Advance the time by that of one frame, which is drawn at `now` [ms]. */
   step(now) {
     if (!this.isPlaying) return;
     const passed = this.last === null ? 0 : Math.min(now - this.last, 250) / 1000;

@@ -1,18 +1,17 @@
 import { lastAtMost, wrapAngle } from "./geometry.js";
 
-// What the page knows: curves over time, goals and events of each robot. A report fills it once, the live page appends.
+// The data of the page: curves over time, goals and events of each robot. A report fills them once, a live page appends.
 
 const LIVE_ROWS = 40000;
 const MAX_LANDMARKS = 500;
 const IN_VIEW = 1; // [s] after a measurement
-const TO_GO = ["t", "distance", "heading", "lateral"];
 const SIDES = [["left", -0.5], ["right", 0.5]];
+const MISSING = -2147483648;
 
 /** Columns of numbers over the column `t` [s]. */
 export class Curve {
   constructor(columns, rows) {
-    this.columns = columns;
-    this.rows = rows;
+    Object.assign(this, { columns, rows, rims: 0 });
   }
 
   /** An empty curve with these columns that grows by `append`. */
@@ -24,10 +23,9 @@ export class Curve {
     return this.columns.t;
   }
 
-  /** Add a row in the order of the columns; null stands for a missing number. When full, the older half is dropped. */
+  /** Append a row in the order of the columns; null is a missing number. At LIVE_ROWS, drop the older half. */
   append(row) {
-    const time = row[0];
-    if (this.rows && time < this.t[this.rows - 1]) this.rows = 0; // time has jumped back: a new run
+    if (this.rows && row[0] < this.t[this.rows - 1]) this.rows = 0; // time has jumped back: a new run
     const names = Object.keys(this.columns);
     if (this.rows === this.t.length) {
       const drop = this.rows >= LIVE_ROWS ? this.rows >> 1 : 0;
@@ -38,6 +36,7 @@ export class Curve {
         this.columns[name] = grown;
       }
       this.rows -= drop;
+      this.rims = 0;
     }
     names.forEach((name, index) => {
       this.columns[name][this.rows] = row[index] ?? NaN;
@@ -45,9 +44,10 @@ export class Curve {
     this.rows += 1;
   }
 
-  /** Bring the columns left and right up to date: speeds [m/s] of the rims of wheels at this distance [m]. */
+  /** Compute the new rows of the columns left and right: speeds [m/s] of the rims of wheels at this distance [m]. */
   addRims(track) {
     const { v, omega } = this.columns;
+    if (!v) return;
     const begin = this.columns.left && this.rims <= this.rows ? this.rims : 0;
     for (const [side, share] of SIDES) {
       this.columns[side] ??= new Float64Array(v.length);
@@ -61,7 +61,7 @@ export class Curve {
     return lastAtMost(this.t, this.rows, time);
   }
 
-  /** The value of a column at a time, held since the last row; NaN before the first. */
+  /** The value of a column in the last row at or before a time; NaN before the first row. */
   at(name, time) {
     const index = this.indexAt(time);
     return index < 0 || !this.columns[name] ? NaN : this.columns[name][index];
@@ -92,89 +92,32 @@ export class Curve {
 
 /** One robot. */
 export class Robot {
-  constructor(name) {
-    this.name = name;
-    this.curves = {};
-    this.goals = [];
-    this.events = [];
-    this.summary = [];
-    this.status = null;
-    this.states = [];
+  constructor(name, constants) {
+    Object.assign(this, { name, constants, curves: {}, goals: [], events: [], cards: [], states: [], services: {}, dock: null });
     this.plan = new Curve({ t: [], x: [], y: [] }, 0);
     this.landmarks = new Map();
-    this.dock = null; // live: pose, detections, staging, halfWidth, isBackward
-    this.size = {}; // wheels: radius and distance [m]; box: rear, front, right, left [m]
   }
 
-  /** Add a row to a curve, which begins with its first row. */
+  /** Append a row to a curve; the first row creates the curve. */
   append(curve, names, row) {
-    this.curves[curve] ??= Curve.growing(names);
-    const added = this.curves[curve];
-    added.append(row);
-    if (added === this.main) {
-      this.curves.toGo ??= Curve.growing(TO_GO);
-      this.curves.toGo.append(this.toGoAt(added, added.rows - 1));
-    }
+    (this.curves[curve] ??= Curve.growing(names)).append(row);
   }
 
-  /** Bring up to date what follows from other curves: the wheels' speeds, and fixes minus the estimate of their time. */
+  /** Compute the speeds of the rims for the new rows. */
   derive() {
-    const { odometry, truth, command, fixes, estimate } = this.curves;
-    if (this.size.wheels) for (const one of [odometry, truth, command]) if (one?.columns.v) one.addRims(this.size.wheels[1]);
-    if (!fixes?.rows || !estimate?.rows) return;
-    const made = (this.curves.residual ??= Curve.growing(["t", "x", "y", "theta"]));
-    const { t, x, y, theta } = fixes.columns;
-    if (made.rows && made.t[made.rows - 1] > t[fixes.rows - 1]) made.rows = 0; // a new run
-    const end = estimate.t[estimate.rows - 1];
-    for (let i = made.rows ? fixes.indexAt(made.t[made.rows - 1]) + 1 : 0; i < fixes.rows && t[i] <= end; i += 1) {
-      const pose = estimate.poseAt(t[i]);
-      if (pose) made.append([t[i], x[i] - pose.x, y[i] - pose.y, wrapAngle(theta[i] - pose.theta)]);
-    }
+    const { odometry, truth, command } = this.curves;
+    if (this.constants.wheels) for (const one of [odometry, truth, command]) one?.addRims(this.constants.wheels[1]);
   }
 
-  /** Hide the angles of the law, from a row on, where the distance is below a limit [m] and they are not defined. */
-  hideAngles(limit, begin = 0) {
-    const { law } = this.curves;
-    if (!law) return;
-    for (let i = Math.max(begin, 0); i < law.rows; i += 1) {
-      if (law.columns.rho[i] < limit) law.columns.alpha[i] = law.columns.beta[i] = NaN;
-    }
-  }
-
-  /** Set the goals [t, x, y, theta], in their order. */
-  setGoals(goals) {
-    this.goals = goals;
-    const { main } = this;
-    if (!main) return;
-    const toGo = Curve.growing(TO_GO);
-    for (let i = 0; i < main.rows; i += 1) toGo.append(this.toGoAt(main, i));
-    this.curves.toGo = toGo;
-  }
-
-  /** Row of TO_GO: distance to the goal, heading and lateral error in its frame; NaN without a goal. */
-  toGoAt({ columns }, i) {
-    const goal = this.goalAt(columns.t[i]);
-    if (!goal) return [columns.t[i], NaN, NaN, NaN];
-    const [dx, dy] = [columns.x[i] - goal[1], columns.y[i] - goal[2]];
-    const lateral = dy * Math.cos(goal[3]) - dx * Math.sin(goal[3]);
-    return [columns.t[i], Math.hypot(dx, dy), wrapAngle(columns.theta[i] - goal[3]), lateral];
-  }
-
-  /** State of controller and filter at a time, as words.js takes it. */
+  /** Level and words of the state at a time. */
   stateAt(time) {
-    return this.status ?? this.states.findLast(([since]) => since <= time)?.[1];
-  }
-
-  /** Time [s] at a time until the goal is answered; NaN if that is not known. */
-  timeLeft(time) {
-    if (this.status) return this.status.left ?? NaN; // live: as the controller estimates it
-    const row = this.summary.findLast((one) => one.time <= time);
-    return (row?.ended ?? NaN) - time;
+    const [, level, text] = this.states.findLast(([since]) => since <= time) ?? [0, 0, ""];
+    return [level, text];
   }
 
   /** v and omega at a time: measured, else commanded. */
   speedAt(time) {
-    const curve = this.curves.odometry?.columns.v ? this.curves.odometry : this.curves.command;
+    const curve = this.curves.odometry ?? this.curves.command;
     return { v: curve?.at("v", time) ?? NaN, omega: curve?.at("omega", time) ?? NaN };
   }
 
@@ -184,15 +127,13 @@ export class Robot {
     return a && b ? { distance: Math.hypot(a.x - b.x, a.y - b.y), heading: wrapAngle(a.theta - b.theta) } : null;
   }
 
-  /** Settling clock [s] at a time: since the goal was sent, at most until it was settled in; NaN without a goal. */
+  /** Time [s] since the newest goal was accepted, at most until its answer; NaN without a goal. */
   clockAt(time) {
-    if (this.status) return this.status.clock ?? NaN; // live
     const goal = this.goalAt(time);
-    const settled = this.summary.find((one) => goal && one.time === goal[0])?.settled ?? Infinity;
-    return goal ? Math.min(time - goal[0], settled) : NaN;
+    return goal ? Math.min(time, goal[4] ?? Infinity) - goal[0] : NaN;
   }
 
-  /** Set the planned path, which holds from a time on; no points: there is none. */
+  /** Set the planned path from a time on; without points, there is no path. */
   setPlan([time, points]) {
     const rows = points.length ? points : [[NaN, NaN]];
     this.plan = new Curve({ t: rows.map(() => time), x: rows.map(([x]) => x), y: rows.map(([, y]) => y) }, rows.length);
@@ -208,7 +149,7 @@ export class Robot {
     return points;
   }
 
-  /** Set where landmarks [x, y, number] are, which were measured at a time. */
+  /** Set the places of landmarks [x, y, number] that were measured at a time. */
   see([time, landmarks]) {
     for (const [x, y, number] of landmarks) this.landmarks.set(number, { number, x, y, inView: [time, time + IN_VIEW] });
     for (const number of this.landmarks.keys()) {
@@ -217,13 +158,41 @@ export class Robot {
     }
   }
 
-  /** The curve that tells best where the robot is. */
+  /** The best available curve of the pose of the robot. */
   get main() {
     return this.curves.estimate ?? this.curves.truth ?? this.curves.odometry ?? null;
   }
 
-  /** The newest goal [t, x, y, theta] at a time, or null. */
+  /** The newest goal [t, x, y, theta, end] at a time, or null. */
   goalAt(time) {
     return this.goals.findLast((goal) => goal[0] <= time) ?? null;
   }
+}
+
+function column(bytes, { unit, at }, rows) {
+  const values = new Float64Array(rows);
+  let sum = 0;
+  for (let i = 0, p = at; i < rows; i += 1, p += 1) {
+    sum = (sum + (bytes[p] | (bytes[p + rows] << 8) | (bytes[p + 2 * rows] << 16) | (bytes[p + 3 * rows] << 24))) | 0;
+    values[i] = sum === MISSING ? NaN : sum * unit;
+  }
+  return values;
+}
+
+/** The robots of a report; its columns are packed by diffbot_tools/view/report.py. */
+export async function unpackRobots(data) {
+  const packed = Uint8Array.from(atob(data.packed), (letter) => letter.charCodeAt(0));
+  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
+  const bytes = new Uint8Array(await new Response(stream).arrayBuffer());
+  return data.robots.map((one) => {
+    const curves = Object.entries(one.curves).map(([name, { rows, columns }]) => {
+      const unpacked = Object.entries(columns).map(([key, place]) => [key, column(bytes, place, rows)]);
+      return [name, new Curve(Object.fromEntries(unpacked), rows)];
+    });
+    const { plan, ...shown } = Object.fromEntries(curves);
+    const landmarks = new Map(one.landmarks.map(([number, x, y, inView]) => [number, { number, x, y, inView }]));
+    const robot = Object.assign(new Robot(one.name, one.constants), one, { curves: shown, plan, landmarks });
+    robot.derive();
+    return robot;
+  });
 }

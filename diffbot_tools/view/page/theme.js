@@ -1,14 +1,14 @@
-// Colours come from the style sheet, so that a chart follows the change between light and dark.
+// The colours of the style sheet for the drawings, and the change between light and dark.
 
 const NAMES = ["page", "panel", "text", "faint", "line", "mark", "truth", "estimate", "odometry", "fixes", "goal", "plan", "landmarks", "dock", "near", "band", "alarm"];
 
-/** The present colours by name. */
+/** The current colours by name. */
 export function coloursOf(root) {
   const style = getComputedStyle(root);
   return Object.fromEntries(NAMES.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
 }
 
-/** Begin with what the system prefers; return a function that changes between light and dark. */
+/** Start with the preference of the system; return a function that changes between light and dark. */
 export function startTheme(root, onChange) {
   const set = (dark) => {
     root.dataset.theme = dark ? "dark" : "light";

@@ -1,14 +1,16 @@
-import { extentOf, rangeOf } from "./geometry.js";
+import { rangeOf } from "./geometry.js";
 
-// What part of the plane the map shows: x to the right and y up, as on paper.
+// The part of the plane that the map shows (x to the right, y up), and the mouse, touch and keys that move it.
 
 const SMALLEST = 0.5;
 const LARGEST = 5000;
-const LARGEST_FIT = 1500;
+const LEAST = 5; // [m] smallest width and height that are shown
+const EDGE = 10; // [pixels] a point closer to the border counts as out of view
+const SHORTEST_DRAG = 8; // [pixels] that give a heading
 
 export class View {
   constructor() {
-    Object.assign(this, { x: 0, y: 0, scale: 60, width: 300, height: 200, follow: false });
+    Object.assign(this, { x: 0, y: 0, scale: 60, width: 300, height: 200, follow: false, isOwn: false });
   }
 
   /** Pixels of a point [m]. */
@@ -26,15 +28,17 @@ export class View {
     this.x -= dx / this.scale;
     this.y += dy / this.scale;
     this.follow = false;
+    this.isOwn = true;
   }
 
-  /** Zoom about a pixel, which keeps its point. */
+  /** Zoom about a pixel, whose point [m] does not change. */
   zoom(factor, px = this.width / 2, py = this.height / 2) {
     const [x, y] = this.toWorld(px, py);
     this.scale = Math.min(Math.max(this.scale * factor, SMALLEST), LARGEST);
     const [newX, newY] = this.toWorld(px, py);
     this.x += x - newX;
     this.y += y - newY;
+    this.isOwn = true;
   }
 
   /** Show all paths, goals and landmarks of a robot. */
@@ -48,16 +52,114 @@ export class View {
       ys = rangeOf(curve.columns.y, 0, curve.rows, ys);
     }
     const { plan } = robot;
-    const points = [...robot.goals.map(([, x, y]) => ({ x, y })), ...robot.landmarks.values()];
+    const dock = robot.dock?.pose ? [{ x: robot.dock.pose[0], y: robot.dock.pose[1] }] : [];
+    const points = [...robot.goals.map(([, x, y]) => ({ x, y })), ...robot.landmarks.values(), ...dock];
     xs = rangeOf([...points.map(({ x }) => x), ...plan.columns.x], 0, points.length + plan.rows, xs);
     ys = rangeOf([...points.map(({ y }) => y), ...plan.columns.y], 0, points.length + plan.rows, ys);
     if (!xs || !ys) return;
     this.x = (xs[0] + xs[1]) / 2;
     this.y = (ys[0] + ys[1]) / 2;
     const [width, height] = [xs[1] - xs[0], ys[1] - ys[0]];
-    const margin = 0.15 * Math.max(width, height) + 1.5 * (extentOf(robot.size) || 0.5);
-    const wide = Math.min(this.width / (width + margin), this.height / (height + margin));
-    this.scale = Math.min(Math.max(wide, SMALLEST), LARGEST_FIT);
-    this.follow = false;
+    const margin = 0.15 * Math.max(width, height) + 0.5;
+    const wide = Math.min(this.width / Math.max(width + margin, LEAST), this.height / Math.max(height + margin, LEAST));
+    this.scale = Math.min(Math.max(wide, SMALLEST), LARGEST);
+    this.follow = this.isOwn = false;
   }
+
+  /** Show all again if the robot, its goal or its dock has left the view, unless the user has moved the view. */
+  keep(robot, time) {
+    if (this.isOwn || this.follow) return;
+    const [pose, goal] = [robot.main?.poseAt(time), robot.goalAt(time)];
+    const points = [...(pose ? [[pose.x, pose.y]] : []), ...(goal ? [[goal[1], goal[2]]] : [])];
+    if (robot.dock?.pose) points.push(robot.dock.pose);
+    const isOut = ([x, y]) => {
+      const [px, py] = this.toScreen(x, y);
+      return !(px > EDGE && py > EDGE && px < this.width - EDGE && py < this.height - EDGE);
+    };
+    if (points.some(isOut)) this.fit(robot);
+  }
+}
+
+/**
+ * Make the map of `view` react to mouse, touch and keys. `tools.current` is "pan", "goal" or "initialpose". To draw a pose,
+ * press at its position, drag in the direction of its heading and release; `tools.draw` is the pose being drawn.
+ */
+export function startPointer(canvas, view, tools, { onPose, onChange, onHint, onHover }) {
+  const pressed = new Map();
+  let start = null;
+
+  const place = (event) => {
+    const box = canvas.getBoundingClientRect();
+    return [event.clientX - box.left, event.clientY - box.top];
+  };
+  const drawn = ([px, py]) => {
+    const [x, y] = view.toWorld(...start);
+    const theta = Math.atan2(start[1] - py, px - start[0]);
+    return { x, y, theta, isLong: Math.hypot(px - start[0], py - start[1]) >= SHORTEST_DRAG };
+  };
+
+  canvas.addEventListener("pointerdown", (event) => {
+    if (event.button !== 0) return;
+    canvas.setPointerCapture(event.pointerId);
+    pressed.set(event.pointerId, place(event));
+    start = pressed.size === 1 ? place(event) : null;
+    tools.draw = null;
+  });
+
+  canvas.addEventListener("pointermove", (event) => {
+    const before = pressed.get(event.pointerId);
+    const now = place(event);
+    onHover(now);
+    if (!before) return;
+    if (pressed.size === 2) {
+      const [other] = [...pressed].filter(([id]) => id !== event.pointerId).map(([, at]) => at);
+      const apart = (at) => Math.max(Math.hypot(at[0] - other[0], at[1] - other[1]), 1);
+      view.zoom(apart(now) / apart(before), (now[0] + other[0]) / 2, (now[1] + other[1]) / 2);
+      view.pan((now[0] - before[0]) / 2, (now[1] - before[1]) / 2);
+    } else if (tools.current === "pan") view.pan(now[0] - before[0], now[1] - before[1]);
+    else if (start) tools.draw = drawn(now);
+    pressed.set(event.pointerId, now);
+    onChange();
+  });
+
+  canvas.addEventListener("pointerup", (event) => {
+    if (!pressed.delete(event.pointerId)) return;
+    const kind = tools.current;
+    if (kind !== "pan" && start) {
+      const pose = drawn(place(event));
+      if (pose.isLong) onPose(kind, pose);
+      else onHint("Drag to give the heading: press where the robot should stand, release where it should look.");
+    }
+    start = null;
+    tools.draw = null;
+    onChange();
+  });
+
+  canvas.addEventListener("pointerleave", () => onHover(null));
+
+  canvas.addEventListener("pointercancel", (event) => {
+    pressed.delete(event.pointerId);
+    start = null;
+    tools.draw = null;
+  });
+
+  canvas.addEventListener(
+    "wheel",
+    (event) => {
+      event.preventDefault();
+      view.zoom(Math.exp(-0.0015 * event.deltaY), ...place(event));
+      onChange();
+    },
+    { passive: false },
+  );
+
+  const moves = { ArrowLeft: [40, 0], ArrowRight: [-40, 0], ArrowUp: [0, 40], ArrowDown: [0, -40] };
+  canvas.addEventListener("keydown", (event) => {
+    if (moves[event.key]) view.pan(...moves[event.key]);
+    else if (event.key === "+" || event.key === "=") view.zoom(1.25);
+    else if (event.key === "-") view.zoom(0.8);
+    else return;
+    event.preventDefault();
+    onChange();
+  });
 }

@@ -1,165 +1,244 @@
-"""The filter with any of its states, against a textbook's steps with finite differences, and its own claims."""
+"""Prediction, correction, gate and relocation: against matrices, chi-square quantiles, counting and a second filter."""
 
 import math
 
 import numpy as np
 import pytest
-from filter_runs import SEPARATION, build_motion, covariance, gated_filter, jacobian, wrapped
+from filter_runs import (
+    R_FIX,
+    ROWS,
+    assert_state,
+    build_motion,
+    covariance,
+    fix,
+    jacobian,
+    measured,
+    moved,
+    options,
+    process_noise,
+    reading,
+    started,
+    textbook,
+    wrapped,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.stats import multivariate_normal
+from scipy.special import chdtrc, chdtri
+from scipy.stats import chi2
 
-from diffbot_control.filter.ekf import PoseEkf
-from diffbot_control.filter.gate import ACCEPTED, IGNORED
-from diffbot_control.filter.measurements import Heading, LandmarkMeasurement, PoseFix, PositionFix
-from diffbot_control.filter.models import MIN_LANDMARK_DISTANCE, TURNED_VARIANCE, linearisation_variance
-from diffbot_core.geometry import Point, Pose
+from diffbot_control.filter import ekf, models, state
+from diffbot_control.filter.consistency import chi_square_bound, survival
+from diffbot_control.filter.ekf import ACCEPTED, IGNORED, REJECTED, RELOCATED, WEIGHED
+from diffbot_core.geometry import Point
 
-CHECK = settings(max_examples=100)
-LAYOUTS = st.tuples(st.sampled_from((0, 2, 3)), st.booleans())
-"""Number of errors of the wheels, and whether the three errors of landmarks are states."""
-SEEDS = st.integers(0, 10_000)
-STATES = st.tuples(st.floats(-10.0, 10.0), st.floats(-10.0, 10.0), st.floats(-3.1, 3.1))
-TWISTS = st.tuples(st.floats(-2.0, 2.0), st.floats(-3.0, 3.0), st.floats(0.01, 0.5))
-
-
-def started(layout, pose, seed):
-    """A filter at a pose, with small errors and a covariance that keeps its corrections straight."""
-    wheels, landmark_states = layout
-    rng, ekf = np.random.default_rng(seed), PoseEkf(wheels, landmark_states=landmark_states)
-    x = np.array([*pose, *rng.uniform(-0.1, 0.1, ekf.x.size - 3)])
-    P = covariance(rng, x.size, 0.02, 0.9 * math.sqrt(TURNED_VARIANCE))
-    ekf.set_state(x, P)
-    ekf.wheel_separation, ekf.random_walk = SEPARATION, 1e-3
-    return ekf, x, P, rng
+PLACES = (Point(5.0, 3.0),)
+SMALL_WALK = 1e-4**2
+CONFIGS = {
+    3: ({"filter": "ekf"}, ()),
+    6: ({"filter": "ekf_calibrating"}, ()),
+    7: ({"filter": "ekf_calibrating", "use_gyro": True}, ()),
+    10: ({"filter": "ekf_calibrating", "use_gyro": True}, PLACES),
+}
 
 
-def moved(x, wheels, twist, dt):
-    """The documented motion: rims of wheels of wrong size and distance, along the heading halfway."""
-    v, omega = twist
-    left, right = (x[3], x[4]) if wheels else (0.0, 0.0)
-    rim_left, rim_right = (v - 0.5 * omega * SEPARATION) * (1.0 + left), (v + 0.5 * omega * SEPARATION) * (1.0 + right)
-    v, omega = 0.5 * (rim_left + rim_right), (rim_right - rim_left) / SEPARATION
-    if wheels == 3:
-        omega /= 1.0 + x[5]
-    middle = x[2] + 0.5 * omega * dt
-    return np.array([x[0] + v * dt * math.cos(middle), x[1] + v * dt * math.sin(middle), x[2] + omega * dt, *x[3:]])
+def filled(n, seed, **values):
+    """Return a filter of n states with small errors and a full covariance that keeps its corrections straight."""
+    config, places = CONFIGS[n]
+    numbers, rng = options(places, **{**config, "detect_correlation": False, **values}), np.random.default_rng(seed)
+    found = started(numbers, landmarks=len(places))
+    found.x[:] = [*rng.uniform(-3.0, 3.0, 3), *rng.uniform(-0.05, 0.05, n - 3)]
+    found.P[:, :] = covariance(rng, n, 0.02, 0.18)
+    return found, numbers, rng
 
 
-def assert_state(ekf, x, P, tolerance=1e-7):
-    away = ekf.x - x
-    away[2] = wrapped(away[2])
-    np.testing.assert_allclose(away, 0.0, atol=tolerance)
-    assert -math.pi < ekf.x[2] <= math.pi
-    np.testing.assert_allclose(ekf.P, P, rtol=1e-6, atol=tolerance)
+@pytest.mark.parametrize("n", [3, 6, 7, 10])
+@pytest.mark.parametrize("with_gyro", [False, True])
+def test_predict_is_the_textbooks_with_walks_of_the_uncertain_errors(n, with_gyro):
+    for seed in range(10):
+        found, numbers, rng = filled(n, seed)
+        x, P, M = found.x.copy(), found.P.copy(), covariance(rng, 2, 0.05, 0.3)
+        rate = {"rate": models.TurnRate(0.4, 0.02)} if with_gyro else {}
+        motion = build_motion(*rng.normal(size=2), 0.2, M[0, 0], M[0, 1], M[1, 1], **rate)
+        ekf.predict(found, numbers, motion)
+        F, Q = jacobian(lambda s: moved(s, motion), x), process_noise(x, motion)  # noqa: B023
+        places = [3, 4, 5, 6][: min(n, 7) - 3]
+        Q[places, places] += SMALL_WALK * 0.2
+        assert_state(found, moved(x, motion), F @ P @ F.T + Q, 1e-8)
 
 
-@CHECK
-@given(LAYOUTS, STATES, TWISTS, SEEDS)
-def test_predict_is_the_textbooks_step_of_the_documented_model(layout, pose, motion, seed):
-    ekf, x, P, rng = started(layout, pose, seed)
-    wheels, (v, omega, dt), M = layout[0], motion, covariance(rng, 2, 0.05, 0.3)
-    ekf.predict(build_motion(v, omega, dt, M[0, 0], M[0, 1], M[1, 1]))
-    F = jacobian(lambda one: moved(one, wheels, (v, omega), dt), x)
-    # The noise acts on the twist of the body: as on wheels without errors, at the corrected twist.
-    zeros = np.zeros_like(x)
-    v_body, omega_body = moved(np.array([0.0, 0.0, 0.0, *x[3:]]), wheels, (v, omega), 1e-9)[[0, 2]] / 1e-9
-    G = jacobian(lambda u: moved([*x[:3], *zeros[3:]], 0, u, dt)[:3], (v_body, omega_body))
-    Q = np.zeros_like(P)
-    Q[:3, :3] = G @ M @ G.T
-    Q[range(3, 3 + wheels), range(3, 3 + wheels)] = 1e-3 * dt
-    assert_state(ekf, moved(x, wheels, (v, omega), dt), F @ P @ F.T + Q)
+def test_errors_that_are_known_do_not_walk():
+    numbers = options(PLACES, filter="ekf_calibrating", wheel_separation_sigma=0.0, left_radius_error=0.02)
+    found = started(numbers, landmarks=1)
+    ekf.predict(found, numbers, build_motion(0.5, 0.3, 0.2, 1e-3, 0.0, 1e-3))
+    assert found.P[5:7, 5:7].tolist() == [[0.0, 0.0], [0.0, 0.0]]
+    np.testing.assert_allclose(np.diag(found.P)[3:], [*[1e-4 + 2e-9] * 2, 0.0, 0.0, 0.05**2, 1e-4, 1e-4], rtol=1e-9)
+    assert found.x[3:].tolist() == [0.02, *[0.0] * 6]
 
 
-def textbook(x, P, y, H, R):
-    """Kalman's update in its short form, and the NIS by the logarithm of scipy's density."""
-    S = H @ P @ H.T + R
-    K = np.linalg.solve(S, H @ P).T
-    nis = -2.0 * multivariate_normal(cov=S).logpdf(y) - np.linalg.slogdet(2.0 * math.pi * S)[1]
-    return x + K @ y, P - K @ S @ K.T, nis
+KINDS = [(kind, n) for kind in (models.POSE_FIX, models.POSITION_FIX, models.HEADING) for n in (3, 6, 7, 10)]
+KINDS += [(kind, 10) for kind in (models.LANDMARK, models.RANGE, models.BEARING)]
 
 
-@CHECK
-@given(LAYOUTS, STATES, SEEDS)
-def test_fixes_and_headings_correct_as_the_textbook_says(layout, pose, seed):
-    for rows in ([0, 1, 2], [0, 1], [2]):
-        ekf, x, P, rng = started(layout, pose, seed)
-        H, R, y = np.eye(x.size)[rows], covariance(rng, len(rows)), rng.normal(0.0, 0.5, len(rows))
-        z = x[rows] + y
-        if 2 in rows:
-            z[-1] = wrapped(z[-1])
-        if len(rows) == 3:
-            found = ekf.correct(PoseFix(0, Pose(*z), R))
+@pytest.mark.parametrize(("kind", "n"), KINDS)
+@pytest.mark.parametrize("factor", [0.5, 0.999, 1.001, 400.0])
+def test_measurements_correct_as_the_textbook_and_those_beyond_the_gate_by_bound_over_nis(kind, n, factor):
+    for seed in range(5):
+        found, numbers, rng = filled(n, seed, gate_probability=0.99, wheel_radius_sigma=0.2, wheel_separation_sigma=0.2)
+        x, P, rows = found.x.copy(), found.P.copy(), ROWS[kind]
+        H = jacobian(lambda s: measured(kind, s, PLACES[0]), x)
+        R, y = covariance(rng, len(rows), 0.05, 0.2), rng.normal(size=len(rows))
+        noise = R.copy()
+        if kind in (models.LANDMARK, models.RANGE, models.BEARING):
+            d = math.hypot(PLACES[0].x - x[0], PLACES[0].y - x[1])
+            spread = P[0, 0] + P[1, 1]
+            linear = np.diag([(1.0 + x[8]) ** 2 * spread**2 / (2.0 * d**2), spread**2 / d**4])
+            noise = R + linear[np.ix_(rows, rows)]
+        # On the gate but for the factor; a single angle must not go round, whatever its NIS.
+        bound = chi2.ppf(0.99, len(rows))
+        y *= math.sqrt(factor * bound / textbook(x, P, y, H, noise)[2])
+        angle = {models.POSE_FIX: 2, models.HEADING: 0, models.LANDMARK: 1, models.BEARING: 0}.get(kind)
+        if angle is not None and abs(y[angle]) > 3.0:
+            continue
+        z = measured(kind, x, PLACES[0]) + y
+        if angle is not None:
+            z[angle] = wrapped(z[angle])
+        one = reading(kind, z, R, at=PLACES[0])
+        outcome = ekf.take(found, numbers, one)
+        assert found.last[one.place, [state.NIS, state.OUTCOME]] == pytest.approx([factor * bound, outcome], rel=1e-6)
+        x_after, P_after, _ = textbook(x, P, y, H, noise)
+        if factor < 1.0:
+            assert outcome == ACCEPTED
+            assert_state(found, x_after, P_after, 1e-7)
+        elif kind in (models.POSE_FIX, models.POSITION_FIX):
+            assert outcome == REJECTED
+            assert_state(found, x, P, 0.0)
         else:
-            found = ekf.correct(PositionFix(0, *z, R) if len(rows) == 2 else Heading(0, *z, R))
-        x, P, nis = textbook(x, P, y, H, R)
-        assert found == pytest.approx(nis, rel=1e-8, abs=1e-9)
-        assert_state(ekf, x, P)
-
-
-def sight(x, landmark, errors):
-    """Range and bearing by a sensor with these errors: offset and scale of ranges, offset of bearings."""
-    seen = complex(landmark.x - x[0], landmark.y - x[1]) * complex(math.cos(x[2]), -math.sin(x[2]))
-    return np.array([(1.0 + errors[1]) * abs(seen) + errors[0], math.atan2(seen.imag, seen.real) + errors[2]])
-
-
-@CHECK
-@given(LAYOUTS, STATES, st.floats(0.5, 30.0), st.floats(-2.9, 2.9), st.sampled_from((None, 0, 1)), SEEDS)
-def test_landmarks_correct_as_the_textbook_says_with_finite_differences(layout, pose, away, angle, missing, seed):
-    ekf, x, P, rng = started(layout, pose, seed)
-    direction = pose[2] + angle
-    landmark = Point(pose[0] + away * math.cos(direction), pose[1] + away * math.sin(direction))
-    states = layout[1]
-    measured = lambda one: sight(one, landmark, one[-3:] if states else (0.0, 0.0, 0.0))  # noqa: E731
-    R, y, H = covariance(rng, 2), rng.normal(0.0, 0.2, 2), jacobian(measured, x)
-    z = measured(x) + y
-    # What the derivatives leave out counts as noise, in metres of the sensor.
-    by_range, by_bearing = linearisation_variance(away**2, P[0, 0] + P[1, 1])
-    stretch = 1.0 + (x[-2] if states else 0.0)
-    noise = R + np.diag([stretch**2 * by_range, by_bearing])
-    rows = [row for row in (0, 1) if row != missing]
-    if missing is not None:
-        R[missing, missing] = (math.inf, math.nan)[missing]
-    found = ekf.correct(LandmarkMeasurement(0, z[0], wrapped(z[1]), R, landmark))
-    x, P, nis = textbook(x, P, y[rows], H[rows], noise[np.ix_(rows, rows)])
-    assert found == pytest.approx(nis, rel=1e-5, abs=1e-7)
-    assert_state(ekf, x, P, 1e-6)
-
-
-def test_the_linearisation_error_is_bounded_by_sampling():
-    rng, distance, sigma = np.random.default_rng(3), 2.0, 0.1
-    along, across = sigma * rng.normal(size=(2, 100_000))
-    ranges, bearings = np.hypot(distance - along, across), np.arctan2(-across, distance - along)
-    left_out = np.array([np.mean((ranges - distance + along) ** 2), np.mean((bearings + across / distance) ** 2)])
-    found = np.array(linearisation_variance(distance**2, 2.0 * sigma**2))
-    # A bound, as all of the spread may lie across, and not wasteful.
-    assert (left_out <= found).all()
-    assert (found <= 5.0 * left_out).all()
-
-
-@pytest.mark.parametrize(("away", "corrected"), [(0.0, False), (0.999, False), (1.01, True)])
-def test_a_landmark_under_the_robot_corrects_nothing(away, corrected):
-    found = gated_filter("ekf", (1.0, 2.0, 3.0), 0.1 * np.eye(3), gate_probability=1.0)
-    (x, P), point = found.memory.belief, Point(1.0 + away * MIN_LANDMARK_DISTANCE, 2.0)
-    outcome = found.take(LandmarkMeasurement(0, 0.5, 0.1, 0.1 * np.eye(2), point))
-    assert outcome == (ACCEPTED if corrected else IGNORED)
-    assert math.isfinite(found.nis) == corrected
-    assert np.array_equal(found.memory.belief.x, x) != corrected
-    assert (found.memory.belief.P[0, 0] < P[0, 0]) == corrected
-    assert np.isfinite(found.memory.belief.x).all()
+            assert outcome == WEIGHED
+            assert_state(found, x + (x_after - x) / factor, P + (P_after - P) / factor, 1e-7)
 
 
 def test_with_an_uncertain_heading_a_correction_follows_an_arc():
-    ekf, P = PoseEkf(), np.diag([0.5, 0.4, 0.9])
+    P, R = np.diag([0.5, 0.4, 0.9]), np.diag([0.1, 0.2, 0.3])
     P[0, 2] = P[2, 0] = 0.3
-    x, y, R = np.array([1.0, 2.0, 0.5]), np.array([0.5, -0.4, 1.2]), np.diag([0.1, 0.2, 0.3])
-    ekf.set_state(x, P)
-    ekf.correct(PoseFix(0, Pose(*(x + y)), R))
+    x, y, numbers = np.array([1.0, 2.0, 0.5]), np.array([0.5, -0.4, 1.2]), options(filter="ekf")
+    found = started(numbers, x, P)
+    assert ekf.take(found, numbers, fix(*(x + y), R)) == ACCEPTED
     straight, P_after, _ = textbook(x, P, y, np.eye(3), R)
     dx, dy, turn = straight - x
-    # The exponential map of SE(2): the sum of many small steps while turning.
-    angles = turn * (np.arange(20_000) + 0.5) / 20_000
-    along = (dx + 1j * dy) * np.exp(1j * angles).mean()
-    np.testing.assert_allclose(ekf.x, [1.0 + along.real, 2.0 + along.imag, 0.5 + turn], atol=1e-8)
-    T = np.array([[math.cos(turn), -math.sin(turn), 0.0], [math.sin(turn), math.cos(turn), 0.0], [0.0, 0.0, 1.0]])
-    np.testing.assert_allclose(ekf.P, T @ P_after @ T.T, atol=1e-12)
+    # The sum of many small steps while turning.
+    along = (dx + 1j * dy) * np.exp(1j * turn * (np.arange(20_000) + 0.5) / 20_000).mean()
+    c, s = math.cos(turn), math.sin(turn)
+    T = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    assert_state(found, [1.0 + along.real, 2.0 + along.imag, 0.5 + turn], T @ P_after @ T.T, 1e-8)
+
+
+@pytest.mark.parametrize("dof", [1, 2, 3, 10, 99, 150])
+def test_bounds_and_probabilities_are_those_of_scipy(dof):
+    for tail in (0.999, 0.975, 0.5, 0.025, 1e-3, 1e-4, 1e-9, 1e-15):
+        assert chi_square_bound(dof, tail) == pytest.approx(float(chdtri(dof, tail)), rel=1e-12)
+    for x in (0.0, 1e-6, 0.3, 1.0, float(dof), 3.0 * dof, 700.0):
+        assert survival(x, dof) == pytest.approx(float(chdtrc(dof, x)), rel=1e-12, abs=1e-300)
+
+
+@pytest.mark.parametrize("probability", [0.5, 0.99, 0.999, 1.0])
+def test_gates_are_quantiles_of_chi_square(probability):
+    assert options(gate_probability=probability).gates == pytest.approx(chi2.ppf(probability, (1, 2, 3)), rel=1e-9)
+
+
+@pytest.mark.parametrize("slack", [0.2, 0.7])
+def test_the_gate_is_widened_by_the_slack_for_fixes_only(slack):
+    for factor, expected in ((0.999, ACCEPTED), (1.001, REJECTED)):
+        numbers = options(filter="ekf")
+        found = started(numbers, P=R_FIX)
+        found.gate[state.SLACK] = slack
+        x = math.sqrt(factor * math.exp(slack) * chi2.ppf(0.999, 3) * 2.0 * R_FIX[0, 0])
+        assert ekf.take(found, numbers, fix(x)) == expected
+        found = started(numbers, P=R_FIX)
+        found.gate[state.SLACK] = slack
+        theta = math.sqrt(chi2.ppf(0.999, 1) * 2.0 * R_FIX[2, 2])
+        assert ekf.take(found, numbers, reading(models.HEADING, [1.01 * theta], R_FIX[2:, 2:])) == WEIGHED
+
+
+TRIES = st.lists(st.tuples(st.sampled_from((0, 0, 1, 2)), st.floats(0.0, 1.0)), max_size=40)
+
+
+@settings(max_examples=100)
+@given(TRIES, st.integers(2, 4))
+def test_the_gate_rejects_relocates_and_slackens_as_a_count_of_its_history_says(tries, wanted):
+    numbers = options(filter="ekf", relocation_fixes=wanted, detect_correlation=False)
+    found, here, rejected, slack = started(numbers, P=1e-4 * np.eye(3)), 0, [], 0.0
+    time = 0.0
+    for place, dt in tries:
+        ekf.predict(found, numbers, build_motion(0.0, 0.0, dt, 0.0, 0.0, 0.0))
+        time += dt
+        outcome = ekf.take(found, numbers, fix(1e6 * place, R=1e-4 * np.eye(3)))
+        if place == here:
+            assert outcome == ACCEPTED
+            rejected, slack = [], max(slack - 0.05, 0.0)
+        else:
+            rejected.append((place, time))
+            slack += 0.2
+            agreeing = 1
+            while agreeing < len(rejected) and rejected[-1 - agreeing][0] == place:
+                agreeing += 1
+            since = time - rejected[0][1]
+            if abs(since - 1.5) < 1e-9:
+                return  # rounding decides
+            if agreeing >= wanted or (len(rejected) >= wanted and since > 1.5):
+                assert outcome == RELOCATED
+                slack = max(slack - 0.2 * agreeing, 0.0) if agreeing >= wanted else slack
+                here, rejected = place, []
+            else:
+                assert outcome == REJECTED
+        assert found.x[0] == pytest.approx(1e6 * here, abs=1.0)
+        assert found.gate[state.SLACK] == pytest.approx(slack, abs=1e-9)
+
+
+@pytest.mark.parametrize("kind", [models.POSE_FIX, models.POSITION_FIX])
+@pytest.mark.parametrize("n", [3, 6, 10])
+def test_after_a_relocation_the_estimate_is_that_of_a_filter_that_started_at_the_first_rejected_fix(kind, n):
+    found, numbers, rng = filled(n, 1)
+    m, R = len(ROWS[kind]), covariance(rng, 3, 0.1, 0.2)
+    z, second = np.array([70.0, -40.0, 1.0]), started(numbers, landmarks=n == 10)
+    for step in range(3):
+        motion = build_motion(0.5, 0.2, 0.1, 1e-3, 1e-4, 1e-3)
+        for one in (found, second):
+            ekf.predict(one, numbers, motion)
+        one = reading(kind, (z + rng.normal(0.0, 0.05, 3))[:m], R[:m, :m])
+        if step == 0:
+            # The errors of the sensors stay, and so does the heading at a position; all is uncorrelated.
+            second.x[:], second.P[:, :] = found.x, 0.0
+            second.x[:m], second.P[:3, :3] = one.z, np.diag([0.0, 0.0, math.pi**2])
+            second.P[:m, :m], second.P[3:, 3:] = one.R, found.P[3:, 3:]
+        else:
+            assert ekf.take(second, numbers, one) == ACCEPTED
+        assert ekf.take(found, numbers, one) == (RELOCATED if step == 2 else REJECTED)
+    assert_state(found, second.x, second.P, 1e-9)
+    assert found.gate[state.HAS_CANDIDATE] == found.gate[state.REJECTIONS] == 0.0
+
+
+@pytest.mark.parametrize("kind", [models.LANDMARK, models.RANGE, models.BEARING])
+@pytest.mark.parametrize(("away", "outcome"), [(0.0, IGNORED), (0.999, IGNORED), (1.01, ACCEPTED)])
+def test_a_landmark_under_the_robot_corrects_nothing(kind, away, outcome):
+    numbers, m = options(PLACES, gate_probability=1.0), len(ROWS[kind])
+    found = started(numbers, (1.0, 2.0, 3.0), 0.1 * np.eye(3), 1)
+    before, at = found.memory.copy(), (1.0 + away * models.MIN_LANDMARK_DISTANCE, 2.0)
+    assert ekf.take(found, numbers, reading(kind, [0.5, 0.1][:m], 0.1 * np.eye(m), at=at)) == outcome
+    assert np.array_equal(found.memory, before) == (outcome == IGNORED)
+    assert np.isfinite(found.memory).all()
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_a_measurement_without_numbers_or_with_a_singular_covariance_is_rejected(value):
+    numbers = options(PLACES)
+    found = started(numbers, landmarks=1)
+    x, P = found.x.copy(), found.P.copy()
+    with np.errstate(invalid="ignore"):
+        assert ekf.take(found, numbers, fix(value)) == REJECTED
+        assert ekf.take(found, numbers, reading(models.HEADING, [math.nan], np.eye(1))) == REJECTED
+    assert_state(found, x, P, 0.0)
+    assert ekf.take(found, numbers, fix(0.0)) == ACCEPTED
+    found.P[:3, :3] = 0.0
+    x, P = found.x.copy(), found.P.copy()
+    assert ekf.take(found, numbers, fix(0.1, R=np.zeros((3, 3)))) == REJECTED
+    assert_state(found, x, P, 0.0)

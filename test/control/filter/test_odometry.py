@@ -1,84 +1,86 @@
-"""Odometry: its noise at any rate of the messages, and its dead time."""
+"""Motion by odometry: its noise at any rate of the messages, its dead time, its gaps; the twist that is reported."""
 
 import math
 
 import numpy as np
 import pytest
+from filter_runs import SEPARATION, body_twist, build_motion
 
+from diffbot_control.filter import state
+from diffbot_control.filter.config import EKF, FNN, FilterConfig, LocalizationConfig
 from diffbot_control.filter.localization import Localization
-from diffbot_control.filter.localization_config import LocalizationConfig
-from diffbot_control.filter.measurements import PoseFix
-from diffbot_control.filter.odometry import OdometryStep
-from diffbot_control.filter.odometry_noise import DENSITY, MESSAGE, MOTION, OdometryConfig
-from diffbot_control.filter.options import EKF, FNN, FilterConfig
+from diffbot_control.filter.measurement import GyroSample, heading, pose_fix
+from diffbot_control.filter.models import WHEELS, TurnRate
+from diffbot_control.filter.odometry import MESSAGE, MOTION, OdometryConfig, OdometryStep
+from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist, TwistCovariance
 
-UNKNOWN = TwistCovariance(0.0, 0.0, 0.0)
-NOISE = OdometryConfig(
-    MOTION, alpha1=0.02, alpha2=0.004, alpha3=0.03, alpha4=0.005, density_xy=1e-3, density_theta=2e-4
-)
+MS = 10**6
+UNKNOWN, SMALL = TwistCovariance(0.0, 0.0, 0.0), TwistCovariance(1e-8, 0.0, 1e-8)
+NOISE = OdometryConfig(MOTION, alpha1=0.02, alpha2=0.004, alpha3=0.03, density_xy=1e-3, density_theta=2e-4)
 
 
-def covariance_after(twist, rate, seconds, odometry, covariance=UNKNOWN, variant=EKF):
-    """Covariance (3, 3) of a pose known at first, after driving with a constant twist."""
-    localization = Localization(LocalizationConfig(1.0, FilterConfig(filter=variant), odometry))
-    localization.initialise(Pose(0.0, 0.0, 0.3), np.diag([1e-12, 1e-12, 1e-12]), 0)
+def started(odometry, pose=(0.0, 0.0, 0.0), variance=1e-12, max_extrapolation=math.inf, **values):
+    config = LocalizationConfig(60.0, FilterConfig(**{"filter": EKF, **values}), odometry)
+    found = Localization(config, SEPARATION, max_extrapolation)
+    found.initialise(Pose(*pose), variance * np.eye(3), 0)
+    return found
+
+
+def covariance_after(twist, rate, seconds, odometry, covariance=UNKNOWN, **values):
+    """Return the covariance (3, 3) of a pose known at first, after driving with a constant twist."""
+    found = started(odometry, (0.0, 0.0, 0.3), **values)
     for number in range(1, round(seconds * rate) + 1):
-        localization.on_odometry(OdometryStep(round(number * 1e9 / rate), twist, covariance))
-    return localization.estimate().P
+        found.on_odometry(OdometryStep(round(number * 1e9 / rate), twist, covariance))
+    return found.estimate().P
 
 
-@pytest.mark.parametrize(("kind", "covariance"), [(MOTION, UNKNOWN), (DENSITY, TwistCovariance(0.02, 0.001, 0.03))])
 @pytest.mark.parametrize("variant", [EKF, FNN])
-def test_the_rate_of_the_messages_does_not_change_it(kind, covariance, variant):
-    twist, noise = Twist(0.6, 0.5), NOISE._replace(odometry_noise=kind)
-    reference = covariance_after(twist, 100.0, 3.0, noise, covariance, variant)
+@pytest.mark.parametrize("kind", [MOTION, MESSAGE])
+def test_the_rate_of_the_messages_does_not_change_the_noise_of_a_motion(variant, kind):
+    """Messages without a covariance are taken for motions, too."""
+    noise = NOISE._replace(odometry_noise=kind)
+    reference = covariance_after(Twist(0.6, 0.5), 100.0, 3.0, noise, filter=variant)
     for rate in (5.0, 20.0):
-        found = covariance_after(twist, rate, 3.0, noise, covariance, variant)
+        found = covariance_after(Twist(0.6, 0.5), rate, 3.0, noise, filter=variant)
         np.testing.assert_allclose(found, reference, rtol=0.01, atol=1e-4)
 
 
-@pytest.mark.parametrize(
-    ("v", "odometry", "densities"),
-    [
-        (0.8, OdometryConfig(DENSITY), (0.02, 0.0, 0.03)),
-        # From the meaning of NOISE: 0.03 |v| + 1e-3 along, 1e-3 across, 0.004 |v| + 2e-4 of the heading.
-        (-0.5, NOISE, (0.016, 1e-3, 2.2e-3)),
-    ],
-)
-def test_a_density_is_the_variance_per_second(v, odometry, densities):
-    P = covariance_after(Twist(v, 0.0), 20.0, 4.0, odometry, TwistCovariance(0.02, 0.0, 0.03))
-    turned = np.array([[math.cos(0.3), math.sin(0.3)], [-math.sin(0.3), math.cos(0.3)]])
-    along, across, heading = (4.0 * density for density in densities)
-    found = *np.diag(turned @ P[:2, :2] @ turned.T), P[2, 2]
-    assert found == pytest.approx((along, across + v**2 * heading * 4.0**2 / 3.0, heading), rel=1e-9)
-
-
-MS = 10**6
+def test_densities_are_the_variances_per_second_and_those_of_a_message_are_of_its_mean_twist():
+    # From the meaning of NOISE: 0.03 |v| + 1e-3 along, 1e-3 across, 0.004 |v| + 2e-4 of the heading, for 4 s.
+    cases = [(NOISE, UNKNOWN, (0.016, 1e-3, 2.2e-3)), (OdometryConfig(), TwistCovariance(0.02, 0.0, 0.03), None)]
+    for odometry, covariance, densities in cases:
+        P = covariance_after(Twist(-0.5, 0.0), 20.0, 4.0, odometry, covariance)
+        c, s = math.cos(0.3), math.sin(0.3)
+        turned = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+        along, across, heading = np.diag(turned @ P @ turned.T)
+        if densities is None:
+            assert (along, heading) == pytest.approx((80 * 0.02 * 0.05**2, 80 * 0.03 * 0.05**2), rel=1e-6)
+        else:
+            expected = 4.0 * np.array(densities) + (0.0, 0.25 * 4.0 * densities[2] * 4.0**2 / 3.0, 0.0)
+            assert (along, across, heading) == pytest.approx(expected, rel=1e-6)
+    scaled = covariance_after(Twist(-0.5, 0.0), 20.0, 4.0, OdometryConfig(odometry_covariance_scale=9.0), SMALL)
+    np.testing.assert_allclose(scaled[2, 2], 80 * 9e-8 * 0.05**2, rtol=1e-2)
 
 
 def twist_at(time):
-    """The commanded twist of the 100 ms that end at ``time`` [ms]."""
+    """Return the commanded twist of the 100 ms that end at ``time`` [ms]."""
     return Twist(0.4 + 0.2 * math.sin(time / 700.0), 0.8 * math.cos(time / 400.0))
 
 
 def drive(delay, times, kind=MESSAGE):
-    odometry = OdometryConfig(kind, odometry_delay=delay)
-    found = Localization(LocalizationConfig(5.0, FilterConfig(filter=EKF, gate_probability=1.0), odometry))
-    found.initialise(Pose(0.0, 0.0, 0.0), 1e-6 * np.eye(3), times[0] * MS)
-    noise = TwistCovariance(0.01, 0.0, 0.02)
+    found, noise = started(OdometryConfig(kind, odometry_delay=delay), variance=1e-6), TwistCovariance(0.01, 0.0, 0.02)
     return [found.on_odometry(OdometryStep(time * MS, twist_at(time), noise)) for time in times]
 
 
 def dead_reckoning(delay, times):
     """Robot that at each millisecond has the twist of ``delay`` [ms] before; at first that of the first message."""
-    x, y, theta, poses, now = 0.0, 0.0, 0.0, [], times[0]
+    x, y, theta, poses, now = 0.0, 0.0, 0.0, [], 0
     for time in times:
         while now < time:
             now += 1
-            number = next((one for one in times[1:] if one + delay >= now), times[-1])
-            v, omega = twist_at(number)
+            v, omega = twist_at(next((one for one in times if one + delay >= now), times[-1]))
             x += v * 1e-3 * math.cos(theta + 0.5e-3 * omega)
             y += v * 1e-3 * math.sin(theta + 0.5e-3 * omega)
             theta += 1e-3 * omega
@@ -88,53 +90,134 @@ def dead_reckoning(delay, times):
 
 @pytest.mark.parametrize(("delay", "kind"), [(0, MESSAGE), (30, MOTION), (250, MESSAGE)])
 def test_the_twist_acts_later_by_the_delay(delay, kind):
-    times = [0, 100, 200, 310, 400, 480, 600, *range(700, 3000, 100)]
+    times = [100, 200, 310, 400, 480, 600, *range(700, 3000, 100)]
     rows = drive(delay * 1e-3, times, kind)
     assert [row.stamp for row in rows] == [time * MS for time in times]
-    expected = dead_reckoning(delay, times)
-    found = np.array([row.pose for row in rows])
+    found, expected = np.array([row.pose for row in rows]), dead_reckoning(delay, times)
     np.testing.assert_allclose(found[:, :2], expected[:, :2], atol=2e-3)
     np.testing.assert_allclose(np.unwrap(found[:, 2]), expected[:, 2], atol=1e-9)
 
 
 def test_the_noise_of_a_message_is_parted_among_its_pieces():
     """With errors independent from message to message: var_theta is the sum of var_omega dt^2 over the messages."""
-    times = list(range(0, 3000, 100))
-    rows = drive(0.25, times)
+    rows = drive(0.25, list(range(100, 3000, 100)))
     # 0.25 s are covered by the first message, which is only 0.1 s long; then whole messages and the half of one.
-    whole = 0.02 * 0.1**2
-    assert rows[-1].P[2, 2] - 1e-6 == pytest.approx(whole * 29.0, rel=1e-9)
+    assert rows[-1].P[2, 2] - 1e-6 == pytest.approx(0.02 * 0.1**2 * 29.0, rel=1e-9)
 
 
-def after_a_gap(seconds, fixes=()):
+@pytest.mark.parametrize("rate", [0.1, 0.9])
+def test_a_measurement_within_a_step_does_not_change_the_noise_of_wheels_gyro_and_slip(rate):
+    variances = []
+    for cuts in ((), (20, 50)):
+        found = started(OdometryConfig(), use_gyro=True)
+        found.on_gyro(GyroSample(100 * MS, rate, 0.003))
+        for cut in cuts:
+            found.on_measurement(heading(cut * MS, 0.0, 1e9 * np.eye(1)))
+        found.on_odometry(OdometryStep(100 * MS, Twist(0.5, 0.1), TwistCovariance(0.02, 0.0, 0.005)))
+        variances.append(found.filter.P[[0, 2], [0, 2]])
+        assert found.slips == (rate == 0.9)
+    np.testing.assert_allclose(*variances, rtol=1e-3)
+
+
+def after_a_gap(seconds, fixes=(), gyro=False):
     """A robot that drove with (0.5, 0.2) until 1 s; its odometry comes again ``seconds`` later with (0.4, 0.1)."""
-    config = LocalizationConfig(60.0, FilterConfig(filter=EKF), OdometryConfig(MESSAGE))
-    made = Localization(config, max_extrapolation=1.0)
-    made.initialise(Pose(0.0, 0.0, 0.0), np.diag([1e-4, 1e-4, 1e-4]), 0)
-    small = TwistCovariance(1e-8, 0.0, 1e-8)
-    made.on_odometry(OdometryStep(10**9, Twist(0.5, 0.2), small))
-    before = made.estimate()
+    found = started(OdometryConfig(), variance=1e-4, max_extrapolation=1.0, use_gyro=gyro)
+    found.on_odometry(OdometryStep(10**9, Twist(0.5, 0.2), SMALL))
     for one in fixes:
-        made.on_measurement(one)
-    return before, made.on_odometry(OdometryStep(round((1.0 + seconds) * 1e9), Twist(0.4, 0.1), small))
+        (found.on_gyro if gyro else found.on_measurement)(one)
+    return found.on_odometry(OdometryStep(round((1.0 + seconds) * 1e9), Twist(0.4, 0.1), SMALL))
 
 
-def test_a_dropout_of_the_odometry_moves_the_estimate_for_the_timeout_only_and_widens_it():
-    before, after = after_a_gap(61.0)
-    step = after_a_gap(1.0)[1]
-    assert after.pose == pytest.approx(step.pose, abs=1e-9), "one second of the twist, not 61"
-    assert after.stamp == 62 * 10**9
+def test_a_dropout_of_the_odometry_moves_the_estimate_for_the_extrapolation_only_and_widens_it():
+    after, short = after_a_gap(61.0), after_a_gap(1.0)
+    assert after.pose == pytest.approx(short.pose, abs=1e-9), "one second of the twist, not 61"
+    assert short.pose.theta == pytest.approx(0.2 + 0.1, abs=1e-6)
     # It may have been anywhere that the faster twist leads to in 60 s: 30 m in any direction, any heading.
     x, y, theta = np.sqrt(np.diag(after.P))
     assert theta == pytest.approx(math.pi, rel=1e-3)
     assert min(x, y) >= 29.9
-    assert np.sqrt(np.diag(before.P)).max() < 0.1
+    assert np.sqrt(np.diag(short.P)).max() < 0.1
 
 
-def test_a_short_gap_is_driven_through_and_a_fix_in_a_long_one_is_fused_at_its_time():
-    assert after_a_gap(1.0)[1].pose.theta == pytest.approx(0.2 + 0.1, abs=1e-6)
-    fix = PoseFix(31 * 10**9, Pose(7.0, 3.0, 0.2), np.diag([1e-4, 1e-4, 1e-4]))
-    _, after = after_a_gap(61.0, [fix])
+def test_in_a_gap_a_fix_is_fused_at_its_time_and_a_gyro_turns_the_robot():
+    after = after_a_gap(61.0, [pose_fix(31 * 10**9, Pose(7.0, 3.0, 0.2), 1e-4 * np.eye(3))])
     # 30 s of the gap are left after the fix, then a second of the twist.
     assert math.hypot(after.pose.x - 7.0, after.pose.y - 3.0) == pytest.approx(0.4, abs=0.01)
     assert math.sqrt(after.P[2, 2]) == pytest.approx(math.pi / math.sqrt(2.0), rel=0.02)
+    turned = after_a_gap(11.0, [GyroSample(2 * 10**9 + n * 10**8, 0.1, 1e-6) for n in range(95)], gyro=True)
+    assert turned.pose.theta == pytest.approx(0.2 + 10 * 0.1 + 0.1, abs=0.05)
+
+
+@pytest.mark.parametrize("as_configured", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("use_gyro", [False, True])
+def test_the_pose_moves_by_the_twist_that_is_reported_whatever_the_probability_of_errors(as_configured, use_gyro):
+    found = started(
+        OdometryConfig(), filter="ekf_calibrating", wheels_as_configured=as_configured, use_gyro=use_gyro, variance=0.01
+    )
+    # Smaller than the deviations at the start, and large enough that both hypotheses count.
+    errors = np.array([0.006, 0.008, 0.01])
+    state.set_errors(found.filter, found.options, WHEELS, errors, np.diag([0.005, 0.005, 0.01]) ** 2)
+    M, rate = TwistCovariance(4e-3, 1e-3, 0.02), TurnRate(0.7, 1e-4)
+    if use_gyro:
+        found.on_gyro(GyroSample(100 * MS, *rate))
+    before, step = found.estimate().pose, OdometryStep(100 * MS, Twist(1.2, 0.7), M)
+    after = found.on_odometry(step)
+    twist, covariance = found.twist_of(after, step)
+    motion = build_motion(1.2, 0.7, 0.1, *M, **({"rate": rate} if use_gyro else {}))
+    expected, M_expected = body_twist(after.x, motion)
+    np.testing.assert_allclose(twist, expected, rtol=1e-9)
+    np.testing.assert_allclose(covariance, M_expected[[0, 0, 1], [0, 1, 1]], rtol=1e-9)
+    middle = before.theta + 0.05 * twist.omega
+    way = 0.1 * twist.v * np.array([math.cos(middle), math.sin(middle)])
+    np.testing.assert_allclose(np.subtract(after.pose[:2], before[:2]), way, atol=3e-6)
+    assert after.pose.theta - before.theta == pytest.approx(0.1 * twist.omega, abs=2e-6)
+    low, high = {0.0: (1.0, 1.0), 0.5: (0.2, 0.8), 1.0: (0.0, 0.0)}[as_configured]
+    share = after.x[3:6] / found.filter.x[3:6]
+    assert (share >= low - 1e-9).all()
+    assert (share <= high + 1e-9).all()
+    without = OdometryStep(200 * MS, Twist(1.2, 0.7), UNKNOWN)
+    assert found.twist_of(found.on_odometry(without), without)[1] == UNKNOWN, "unknown stays unknown"
+
+
+def test_a_wheel_that_slips_is_counted_and_the_heading_follows_the_gyro():
+    found = started(OdometryConfig(), filter="ekf_calibrating", use_gyro=True)
+    for number in range(1, 31):
+        slips = 10 < number <= 20
+        found.on_gyro(GyroSample(number * 100 * MS, 0.8 if slips else 0.0, 1e-6))
+        estimate = found.on_odometry(OdometryStep(number * 100 * MS, Twist(0.3, 0.0), SMALL))
+        assert found.slips == min(max(number - 10, 0), 10)
+        assert found.slipping == pytest.approx(0.1 * (number - 10) if slips else 0.0)
+    assert estimate.pose.theta == pytest.approx(0.8, abs=0.05)
+    # Each of the ten steps may have gone anywhere within the difference: (L / 2 0.8 rad/s 0.1 s)^2 along.
+    assert 0.5 < estimate.P[0, 0] / (10 * (0.3 * 0.8 * 0.1) ** 2) < 1.5
+
+
+def test_separation_and_options_can_be_changed_at_runtime_but_not_the_variant():
+    found = started(OdometryConfig(), filter="ekf_calibrating")
+    state.set_errors(found.filter, found.options, WHEELS, np.array([0.0, 0.1, 0.0]), 1e-6 * np.eye(3))
+    found.configure(LocalizationConfig(1.0, FilterConfig(filter=EKF, relocation_fixes=7)), 0.3)
+    assert (found.config.filter.filter, found.options.relocation_fixes) == ("ekf_calibrating", 7)
+    # The right wheel is 10 % larger: 0.1 m/s / 0.3 m for 0.1 s.
+    found.on_odometry(OdometryStep(100 * MS, Twist(1.0, 0.0), SMALL))
+    assert found.filter.x[2] == pytest.approx(0.1 / 0.3 * 0.1, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("number", "variance", "kind"),
+    [(30, 1.0, "duplicate"), (-40, 1.0, "too old"), (32, 1.0, "no odometry for it"), (31, math.inf, "not finite")],
+)
+def test_a_sample_of_the_gyro_that_cannot_be_used_is_refused_and_changes_nothing(number, variance, kind):
+    found, unused, tenth = (*(started(OdometryConfig(), use_gyro=on) for on in (True, False)), 100 * MS)
+    for step in range(1, 31):
+        found.on_gyro(GyroSample(step * tenth, 0.1, 1e-4))
+        found.on_odometry(OdometryStep(step * tenth, Twist(0.5, 0.1), SMALL))
+    before = found.filter.memory.copy()
+    for extra in range(10_000 if number == 32 else 0):
+        found.on_gyro(GyroSample(31 * tenth + extra, 0.1, 1e-4))
+    with pytest.raises(BadMessageError, match=kind):
+        found.on_gyro(GyroSample(number * tenth, 0.1, variance))
+    np.testing.assert_array_equal(found.filter.memory, before)
+    found.reset()
+    for one, reason in ((found, "no odometry yet"), (unused, "not used")):
+        with pytest.raises(BadMessageError, match=reason):
+            one.on_gyro(GyroSample(tenth, 0.1, 1e-4))

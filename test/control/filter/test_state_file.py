@@ -5,43 +5,46 @@ import math
 
 import numpy as np
 import pytest
-from filter_runs import odometry_step
 
-from diffbot_control.filter.belief import ErrorEstimate
+from diffbot_control.filter import state
+from diffbot_control.filter.config import FilterConfig, LocalizationConfig
 from diffbot_control.filter.localization import Localization
-from diffbot_control.filter.localization_config import LocalizationConfig
-from diffbot_control.filter.options import FilterConfig
-from diffbot_control.filter.state_file import BrokenStateError, SavedState, StateKeeper, load_state, save_state
-from diffbot_core.geometry import Pose
-from diffbot_core.kinematics import Twist, WheelGeometry
+from diffbot_control.filter.odometry import OdometryStep
+from diffbot_control.filter.state_file import (
+    BrokenStateError,
+    SavedState,
+    StateKeeper,
+    load_state,
+    save_state,
+)
+from diffbot_core.geometry import Point, Pose
+from diffbot_core.kinematics import Twist, TwistCovariance, WheelGeometry
 
 P = np.array([[0.02, 0.001, 0.0], [0.001, 0.03, -0.002], [0.0, -0.002, 0.01]])
-WHEELS = np.array([0.01, -0.02, 0.05])
-WHEELS_P = np.array([[1e-5, 2e-6, 0.0], [2e-6, 3e-5, 0.0], [0.0, 0.0, 1e-4]])
+ERRORS = np.array([0.01, -0.02, 0.05]), np.array([[1e-5, 2e-6, 0.0], [2e-6, 3e-5, 0.0], [0.0, 0.0, 1e-4]])
 GEOMETRY = WheelGeometry(0.07, 0.5)
-GOOD = {
-    "version": 1,
-    "pose": [1.0, -2.0, 3.0],
-    "P": P.tolist(),
-    "geometry": [0.07, 0.5],
-    "wheels": WHEELS.tolist(),
-    "wheels_P": WHEELS_P.tolist(),
-}
 
 
-@pytest.mark.parametrize("wheels", [ErrorEstimate(WHEELS, WHEELS_P), None])
-def test_what_is_written_is_read_to_the_bit(tmp_path, wheels):
+def saved(path, errors=ERRORS, geometry=GEOMETRY):
+    by_name = {} if errors is None else {"wheels": errors, "landmarks": errors}
+    save_state(path, SavedState(Pose(1.0, -2.0, 3.0), P, geometry, by_name))
+
+
+def assert_errors(found, expected=ERRORS):
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize("errors", [ERRORS, None])
+def test_what_is_written_is_read_to_the_bit(tmp_path, errors):
     path = tmp_path / "new" / "state.json"
-    save_state(path, SavedState(Pose(1.0, -2.0, 3.0), P, wheels, GEOMETRY, wheels))
+    saved(path, errors)
     found = load_state(path)
     assert (found.pose, found.geometry) == ((1.0, -2.0, 3.0), GEOMETRY)
     np.testing.assert_array_equal(found.P, P)
-    if wheels is None:
-        assert found.wheels is found.landmarks is None
-    else:
-        for one in (found.wheels, found.landmarks):
-            np.testing.assert_array_equal(one.errors, WHEELS)
-            np.testing.assert_array_equal(one.P, WHEELS_P)
+    assert list(found.errors) == ([] if errors is None else ["wheels", "landmarks"])
+    for one in found.errors.values():
+        assert_errors(one)
     assert [one.name for one in path.parent.iterdir()] == ["state.json"]
 
 
@@ -55,41 +58,76 @@ def test_what_is_written_is_read_to_the_bit(tmp_path, wheels):
         {"P": [[1e300] * 3] * 3},
         {"wheels": [2.0, 0.0, 0.0]},
         {"wheels_P": [[0.0, 0.0], [0.0, 0.0]]},
+        {"geometry": ["wide", 0.5]},
         "null",
         "[" * 5000,
+        "1" * 100_000,
     ],
 )
-def test_a_file_with_something_else_is_one_line(tmp_path, change):
-    path = tmp_path / "state.json"
+def test_a_file_with_something_else_is_named_kept_and_not_used(tmp_path, change):
+    path, found = tmp_path / "state.json", Localization(LocalizationConfig())
     assert load_state(path) is None
-    path.write_text(json.dumps({**GOOD, **change}) if isinstance(change, dict) else change)
+    assert StateKeeper(path, found).restore(GEOMETRY) == "no state to restore"
+    saved(path)
+    text = json.dumps({**json.loads(path.read_text()), **change}) if isinstance(change, dict) else change
+    path.write_text(text)
     with pytest.raises(BrokenStateError) as caught:
-        load_state(path)
+        StateKeeper(path, found).restore(GEOMETRY)
     assert str(caught.value).startswith(str(path))
     assert "\n" not in str(caught.value)
+    assert [one.name for one in tmp_path.iterdir()] == ["state.json.bad"]
+    assert (tmp_path / "state.json.bad").read_text() == text
+    assert not found.initialised
 
 
-def test_radii_are_restored_to_any_filter_that_has_them_and_other_errors_where_they_are_states(tmp_path):
-    states = FilterConfig(wheel_separation_sigma=0.1, landmark_range_offset_sigma=0.1)
-    three = Localization(LocalizationConfig(filter=states), landmarks=True)
+def test_a_filter_is_restored_with_the_errors_that_are_its_states_and_saves_those_of_now(tmp_path):
+    path, places = tmp_path / "state.json", (Point(3.0, 4.0),)
+    saved(path)
+    whole = Localization(LocalizationConfig(), landmarks=places)
     two = Localization(LocalizationConfig(filter=FilterConfig(wheel_separation_sigma=0.0)))
-    path = tmp_path / "state.json"
-    errors = ErrorEstimate(WHEELS, WHEELS_P)
-    save_state(path, SavedState(Pose(1.0, -2.0, 3.0), P, errors, GEOMETRY, errors))
-    for localization in (three, two):
-        assert StateKeeper(path, localization).restore(GEOMETRY) == (
-            "state restored: x 1.000 m, y -2.000 m, heading 3.000 rad"
-        )
-    np.testing.assert_array_equal(three.filter.wheels().errors, WHEELS)
-    np.testing.assert_array_equal(three.filter.landmark_errors().errors, WHEELS)
-    assert two.filter.landmark_errors() is None
-    np.testing.assert_array_equal(two.filter.wheels().errors, WHEELS[:2])
-    np.testing.assert_array_equal(two.filter.wheels().P, WHEELS_P[:2, :2])
-    three.on_odometry(odometry_step(10**9, Twist(0.0, 0.0), 1e-4, 0.0, 1e-4))
-    three.filter.set_wheels(ErrorEstimate(2.0 * WHEELS, WHEELS_P))
-    StateKeeper(path, three).save(GEOMETRY)
-    np.testing.assert_array_equal(load_state(path).wheels.errors, 2.0 * WHEELS, "those of now")
-    np.testing.assert_array_equal(load_state(path).landmarks.errors, WHEELS)
-    other = Localization(three.config)
-    assert "wheel errors not restored" in StateKeeper(path, other).restore(WheelGeometry(0.05, 0.5))
-    assert not other.filter.wheels().errors.any()
+    keeper = StateKeeper(path, whole)
+    for one in (keeper, StateKeeper(path, two)):
+        assert one.restore(GEOMETRY) == "state restored: x 1.000 m, y -2.000 m, heading 3.000 rad"
+    for first in (3, 7):
+        assert_errors((whole.filter.x[first : first + 3], whole.filter.P[first : first + 3, first : first + 3]))
+    assert two.filter.x[3:].tolist() == [0.01, -0.02, 0.0]
+    np.testing.assert_array_equal(two.filter.P[3:5, 3:5], ERRORS[1][:2, :2])
+    whole.on_odometry(OdometryStep(10**9, Twist(0.0, 0.0), TwistCovariance(1e-4, 0.0, 1e-4)))
+    now = 2.0 * ERRORS[0], ERRORS[1]
+    state.set_errors(whole.filter, whole.options, 3, *now)
+    keeper.save(GEOMETRY)
+    assert_errors(load_state(path).errors["wheels"], now)
+    assert_errors(load_state(path).errors["landmarks"])
+    # The separation is known to the other one: it saves the radii, and the variance 0.
+    two.on_odometry(OdometryStep(10**9, Twist(0.0, 0.0), TwistCovariance(1e-4, 0.0, 1e-4)))
+    StateKeeper(path, two).save(GEOMETRY)
+    assert_errors(load_state(path).errors["wheels"], (two.filter.x[3:6], two.filter.P[3:6, 3:6]))
+    assert two.filter.P[5, 5] == 0.0
+    keeper.delete()
+    keeper.delete()
+    assert not path.exists()
+
+
+def test_errors_of_other_wheels_are_not_restored_but_the_pose_is(tmp_path):
+    saved(tmp_path / "state.json")
+    found = Localization(LocalizationConfig())
+    done = StateKeeper(tmp_path / "state.json", found).restore(WheelGeometry(0.05, 0.5))
+    assert "wheel errors not restored" in done
+    assert (found.estimate if found.initialised else None) is not None
+    assert found.filter.x.tolist() == [1.0, -2.0, 3.0, 0.0, 0.0, 0.0]
+
+
+def test_nothing_is_saved_before_the_first_fix_twice_or_without_finite_numbers(tmp_path):
+    path, found = tmp_path / "state.json", Localization(LocalizationConfig())
+    keeper = StateKeeper(path, found)
+    keeper.save(GEOMETRY)
+    assert not path.exists()
+    found.initialise(Pose(0.0, 0.0, 0.0), P, 0)
+    keeper.save(GEOMETRY)
+    path.unlink()
+    keeper.save(GEOMETRY)
+    assert not path.exists(), "the same stamp"
+    found.on_odometry(OdometryStep(10**9, Twist(0.0, 0.0), TwistCovariance(1e-4, 0.0, 1e-4)))
+    found.filter.P[0, 0] = math.nan
+    keeper.save(GEOMETRY)
+    assert not path.exists()

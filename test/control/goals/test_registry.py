@@ -7,24 +7,28 @@ from diffbot_core.errors import InvalidValueError
 
 GOOD = """
 from typing import NamedTuple
+from diffbot_control import law as laws
+from diffbot_core.data_sheet import DataSheet
 
 class Config(NamedTuple):
     gain: float = 1.0
+    data_sheet: DataSheet = DataSheet()
+    tolerance: laws.GoalTolerance = laws.GoalTolerance()
 
 class Memory(NamedTuple):
     reached: bool = False
 
-class Law:
+class Law(laws.Law):
     name = "mine"
     Config = Config
     new_memory = staticmethod(lambda config: Memory())
-    step = staticmethod(lambda memory, estimate, goal, dt, config: (memory, None, None))
+    step = staticmethod(lambda memory, observation, goal, config: (memory, None, None))
 """
 
 
 @pytest.mark.parametrize("text", ["", "a.b:", ":Law"])
 def test_what_is_no_place_names_the_registered_laws(text):
-    with pytest.raises(InvalidValueError, match=r"package\.module:Class or one of aicardi, .*switching$"):
+    with pytest.raises(InvalidValueError, match=r"Class or one of docking, .*switching$"):
         resolve_law(text)
 
 
@@ -33,8 +37,10 @@ def test_what_is_no_place_names_the_registered_laws(text):
     [
         ('name = "mine"', 'name = ""', "a text 'name'"),
         ("Config = Config", "Config = dict", "a NamedTuple type 'Config'"),
-        ("lambda config: Memory()", "lambda: Memory()", "'new_memory' takes 1 arguments"),
-        ("goal, dt, config:", "goal, dt:", "'step' takes 5 arguments"),
+        ("class Law(laws.Law)", "class Law", "a class derived from diffbot_control.law.Law"),
+        ("lambda config: Memory()", "lambda: Memory()", "takes 0 positional arguments but 1 was given"),
+        ("data_sheet: DataSheet = DataSheet()", "data_sheet: int = 1", "data_sheet(config) is a DataSheet"),
+        ("tolerance: laws.GoalTolerance = laws.GoalTolerance()", "other: int = 1", "AttributeError"),
         ("lambda config: Memory()", "lambda config: config.missing", "AttributeError"),
         ("reached: bool", "arrived: bool", "a field 'reached'"),
         ("from typing", "from typing (", "SyntaxError"),

@@ -8,9 +8,9 @@ from extremes import assert_finite, extreme_configs
 
 from diffbot_control.goals import Supervisor, SupervisorConfig
 from diffbot_control.goals.registry import registered_laws, resolve_law
-from diffbot_control.law.controller import SwitchingLaw
-from diffbot_control.law.paper import step as paper_step
-from diffbot_control.law.presets import PRESETS
+from diffbot_control.law import paper
+from diffbot_control.law.presets import PRECISE, PRESETS, TUNED
+from diffbot_control.law.switching import SwitchingLaw
 from diffbot_core.geometry import MAX_COORDINATE, Pose
 from diffbot_core.schema import PARTIAL, variant
 from diffbot_core.uncertainty import Uncertainty
@@ -27,7 +27,7 @@ def poses(rng):
         x, y = np.clip(np.add(GOAL[:2], distance * rng.uniform(-1.0, 1.0, 2)), -MAX_COORDINATE, MAX_COORDINATE).tolist()
         theta = GOAL.theta + float(rng.uniform(-4.0, 4.0)) * min(distance, 1.0)
         yield float(rng.choice(PERIODS)), Pose(x, y, theta), Uncertainty(*(10.0 ** rng.uniform(-8.0, 4.0, 2)).tolist())
-    # Long enough for a re-approach or a finish to begin.
+    # Long enough for another approach to begin.
     beside = Pose(GOAL.x, GOAL.y + 10.0 ** float(rng.uniform(-3.0, 0.0)), GOAL.theta)
     for _ in range(12):
         yield 0.1, beside, Uncertainty(1e-3, 1e-3)
@@ -46,15 +46,15 @@ def drive(config, law, rng):
 
 def cases():
     """Yield (name of the law, base configuration); the switching law has all presets."""
-    yield from ((SwitchingLaw.name, SupervisorConfig(controller=one)) for one in PRESETS.values())
+    yield from ((one.law.name, SupervisorConfig(controller=one.config)) for one in (PRESETS[TUNED], PRESETS[PRECISE]))
     for name in sorted({*registered_laws()} - {SwitchingLaw.name}):
         law = resolve_law(name)
-        yield name, variant(SupervisorConfig, {"controller": Annotated[law.Config, PARTIAL]}, ("max_departures",))()
+        yield name, variant(SupervisorConfig, {"controller": Annotated[law.Config, PARTIAL]})()
 
 
 @pytest.mark.parametrize(("name", "base"), cases())
 def test_a_law_commands_finite_numbers(name, base, monkeypatch):
-    limited = paper_step.limit_acceleration
+    limited = paper.limit_acceleration
 
     # Before the last check, which would replace a command that is not finite.
     def checked(*given):
@@ -62,7 +62,7 @@ def test_a_law_commands_finite_numbers(name, base, monkeypatch):
         assert_finite(result, given)
         return result
 
-    monkeypatch.setattr(paper_step, "limit_acceleration", checked)
+    monkeypatch.setattr(paper, "limit_acceleration", checked)
     law, rng, tried = resolve_law(name), np.random.default_rng(1), 0
     for values, config in extreme_configs(type(base), 2, PAIRS, base):
         for command, supervisor in drive(config, law, rng):

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from diffbot_control.law import docking
-from diffbot_control.law.configuration import ControllerConfig
+from diffbot_control.law.configuration import SwitchingConfig
 from diffbot_control.law.docking import (
     APPROACHING,
     DOCKED,
@@ -21,18 +21,20 @@ from diffbot_control.law.docking import (
     STAGING,
     UNDOCKED,
     UNDOCKING,
-    DockingConfig,
+    Docking,
     docking_step,
     new_docking_memory,
 )
+from diffbot_control.law.docking_axis import DockingConfig
+from diffbot_control.law.law import CONTACT, CONTACT_UNKNOWN, NO_CONTACT, Observation
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty
 
 SHEET = DataSheet(0.5, 1.5, 9.0, 0.5, 2.0)
-CONFIG = DockingConfig(drive=ControllerConfig(data_sheet=SHEET))
-CONTACT, OUT = Pose(0.0, 0.0, 0.0), Pose(-0.7, 0.0, 0.0)
+CONFIG = DockingConfig(drive=SwitchingConfig(data_sheet=SHEET))
+ORIGIN, OUT = Pose(0.0, 0.0, 0.0), Pose(-0.7, 0.0, 0.0)
 STARTS = [
     Pose(-2.0, 0.5, 0.3),
     Pose(-1.0, -1.0, 2.0),
@@ -49,12 +51,13 @@ class Run:
     """One robot that docks; ``seen`` makes the estimate, ``wall`` is the x at which the dock stops it."""
 
     config: DockingConfig = CONFIG
-    goal: Pose = CONTACT
+    goal: Pose = ORIGIN
     seen: object = Estimate
     wall: float = math.inf
     latency: float = 0.0
     lag: float = 0.0
-    pose: Pose = CONTACT
+    contact: int = CONTACT_UNKNOWN
+    pose: Pose = ORIGIN
     memory: docking.DockingMemory | None = None
     commands: list = field(default_factory=list)
     phases: list = field(default_factory=list)
@@ -66,17 +69,18 @@ class Run:
         for index in range(round(duration / DT)):
             dt = DT if index else 0.0
             estimate = self.seen(self.pose)
-            self.memory, command, report = docking_step(self.memory, estimate, self.goal, dt, self.config)
+            observation = Observation(estimate, dt, DT, self.contact)
+            self.memory, command, report = docking_step(self.memory, observation, self.goal, self.config)
             assert np.isfinite(report).all()
             self.commands.append(command)
             self.poses.append(self.pose)
-            if self.phases[-1:] != [self.memory.phase]:
-                self.phases.append(self.memory.phase)
-            if self.memory.phase in until:
+            if self.phases[-1:] != [self.memory.stage.phase]:
+                self.phases.append(self.memory.stage.phase)
+            if self.memory.stage.phase in until:
                 return self
             robot.drive(command, DT)
             self.pose = robot.pose = robot.pose._replace(x=min(robot.pose.x, self.wall))
-        pytest.fail(f"still {docking.PHASE_NAMES[self.memory.phase]} at {self.pose}")
+        pytest.fail(f"still {docking.PHASE_NAMES[self.memory.stage.phase]} at {self.pose}")
 
 
 @pytest.mark.parametrize(("v", "x"), [(0.1, -0.8), (0.03, -0.5), (0.1, -0.2), (0.1, -0.03)])
@@ -87,9 +91,9 @@ def test_the_error_at_contact_is_predicted_whatever_the_speed(v, x):
     def rates(_, state):
         pose, distance = Pose(*state), -state[0]
         if distance > CONFIG.commit_distance:
-            command = docking.along_axis(pose, v, CONFIG.approach_length)
-        elif distance > CONFIG.straight_length:
-            command = docking.hold_heading(pose, v, CONFIG.approach_length)
+            command = docking.along_axis(pose, v, docking.APPROACH_LENGTH)
+        elif distance > docking.STRAIGHT_LENGTH:
+            command = docking.hold_heading(pose, v, docking.APPROACH_LENGTH)
         else:
             command = Twist(v, 0.0)
         return command.v * math.cos(pose.theta), command.v * math.sin(pose.theta), command.omega
@@ -125,7 +129,7 @@ def test_on_the_axis_the_lyapunov_function_falls_as_stated_in_and_out(v):
 def test_it_docks_straight_and_its_mirror_image_gives_the_same_commands(start, backward):
     run = Run().drive(start)
     assert run.memory.reached
-    assert run.memory.tries == 0
+    assert run.memory.stage.tries == 0
     assert run.phases[-2:] == [APPROACHING, DOCKED]
     assert abs(run.pose.y) < 2e-3
     assert abs(run.pose.theta) < 1e-4
@@ -144,22 +148,36 @@ def test_a_robot_that_stands_within_press_distance_is_docked_and_one_before_it_i
     assert run.memory.reached
     # The stall time begins with the last centimetre.
     assert 0.5 < DT * run.poses.count(run.pose) < 0.8
-    far = Run(wall=-CONFIG.press_distance - 0.005)
-    with pytest.raises(pytest.fail.Exception, match="still approaching"):
-        far.drive(OUT, 20.0)
+    # A stand farther before the dock is no contact: it backs off and tries again.
+    far = Run(wall=-CONFIG.press_distance - 0.005).drive(OUT, 20.0, until=(DOCKED, RETREATING))
+    assert (far.memory.stage.phase, far.memory.stage.tries) == (RETREATING, 1)
+    assert docking._COMMIT_TIMEOUT <= DT * far.poses.count(far.pose) < docking._COMMIT_TIMEOUT + 1.0
+
+
+def test_with_an_open_switch_a_stand_is_no_contact():
+    run = Run(wall=-0.01, contact=NO_CONTACT).drive(OUT, until=(DOCKED, RETREATING))
+    assert (run.memory.stage.phase, run.memory.stage.tries) == (RETREATING, 1)
+    assert run.pose.x == -0.01
+    # Where nothing stops it, it drives no farther than it has to.
+    beyond = Run(contact=NO_CONTACT).drive(OUT, until=(DOCKED, RETREATING))
+    assert beyond.memory.stage.phase == RETREATING
+    assert beyond.pose.x < CONFIG.press_distance + 0.01
+    closing = Run(wall=-0.01, contact=NO_CONTACT).drive(OUT, 8.0, until=(APPROACHING,))
+    closing.contact = CONTACT
+    assert closing.drive(Pose(-0.01, 0.0, 0.0), until=(DOCKED, RETREATING)).memory.stage.tries <= 1
 
 
 def test_contact_that_is_felt_ends_a_docking_at_the_dock_and_breaks_it_off_far_before():
-    run = Run(wall=-0.04)
+    run = Run(seen=lambda pose: Estimate(pose._replace(x=min(pose.x, -0.04))), wall=-0.01)
     with pytest.raises(pytest.fail.Exception, match="still approaching"):
-        run.drive(OUT, 20.0)
-    run.memory = run.memory._replace(contact=True)
+        run.drive(OUT, 9.0)
+    run.contact = CONTACT
     run.drive(run.pose)
-    assert (run.memory.reached, run.pose.x) == (True, -0.04)
+    assert (run.memory.reached, run.pose.x) == (True, -0.01)
     far = Run().drive(OUT, until=(APPROACHING,))
-    far.memory = far.memory._replace(contact=True)
-    assert far.drive(far.pose, until=(RETREATING,)).memory.tries == 1
-    docked = Run(memory=new_docking_memory(CONFIG)._replace(contact=True)).drive(Pose(0.002, -0.003, 0.004))
+    far.contact = CONTACT
+    assert far.drive(far.pose, until=(RETREATING,)).memory.stage.tries == 1
+    docked = Run(contact=CONTACT).drive(Pose(0.002, -0.003, 0.004))
     assert (docked.memory.reached, docked.commands) == (True, [(0.0, 0.0)])
 
 
@@ -168,13 +186,13 @@ def test_an_estimate_that_jumps_aside_near_the_dock_breaks_off_until_the_last_tr
         return Estimate(pose._replace(y=pose.y + (0.05 if -0.3 < pose.x < -0.2 else 0.0)))
 
     run = Run(seen=jumping).drive(OUT, until=(RETREATING,))
-    assert run.memory.tries == 1
+    assert run.memory.stage.tries == 1
     assert -0.3 < run.pose.x < -0.25
     run.drive(run.pose)
     assert run.phases == [APPROACHING, *(RETREATING, STAGING, APPROACHING) * 2, RETREATING, FAILED]
     assert run.pose.x <= -CONFIG.staging_distance - 0.04
     assert not run.memory.reached
-    assert docking.reason_to_give_up(run.memory, CONFIG).startswith("3 approaches broken off")
+    assert Docking.reason_to_give_up(run.memory, CONFIG).startswith("3 approaches broken off")
 
 
 @pytest.mark.parametrize("scatter", [0.0, 0.002])
@@ -186,12 +204,12 @@ def test_an_uncertain_robot_waits_at_commit_distance_and_breaks_off(scatter):
         return Estimate(pose._replace(x=pose.x + rng.gauss(0.0, scatter)), VAGUE)
 
     run = Run(seen=vague).drive(OUT, until=(RETREATING,))
-    assert run.memory.tries == 1
+    assert run.memory.stage.tries == 1
     assert max(nearest) < -CONFIG.commit_distance + 3.0 * scatter + 1e-9
     slow = sum(abs(command.v) < 0.03 for command in run.commands[40:])
-    assert CONFIG.commit_timeout <= slow * DT < CONFIG.commit_timeout + 2.0
+    assert docking._COMMIT_TIMEOUT <= slow * DT < docking._COMMIT_TIMEOUT + 2.0
     run.drive(run.pose)
-    assert (run.memory.phase, run.memory.tries) == (FAILED, CONFIG.dock_tries)
+    assert (run.memory.stage.phase, run.memory.stage.tries) == (FAILED, CONFIG.dock_tries)
 
 
 def test_it_goes_on_when_it_becomes_certain_and_stays_committed_when_that_ends():
@@ -209,7 +227,7 @@ def test_it_goes_on_when_it_becomes_certain_and_stays_committed_when_that_ends()
 def test_an_uncertain_pose_that_jumps_to_the_dock_is_no_contact():
     run = Run(seen=lambda pose: Estimate(pose, VAGUE)).drive(Pose(-0.5, 0.0, 0.0), until=(APPROACHING,))
     run.drive(Pose(0.1, 0.0, 0.0), until=(DOCKED, RETREATING))
-    assert (run.memory.phase, run.memory.tries) == (RETREATING, 1)
+    assert (run.memory.stage.phase, run.memory.stage.tries) == (RETREATING, 1)
 
 
 @pytest.mark.parametrize("backward", [False, True])
@@ -225,18 +243,18 @@ def test_undocking_drives_out_along_the_axis(backward):
 
 @pytest.mark.parametrize("goal", [Pose(-0.7, 0.1, 0.0), Pose(-0.7, 0.0, 0.1), Pose(0.5, 0.0, 0.0), Pose(0.0, 0.0, 3.0)])
 def test_another_goal_fails_with_the_reason_at_once(goal):
-    run = Run(goal=goal).drive(CONTACT)
+    run = Run(goal=goal).drive(ORIGIN)
     assert run.phases == [FAILED]
     assert run.commands == [(0.0, 0.0)]
-    assert docking.reason_to_give_up(run.memory, CONFIG) == "not at the dock nor on the axis before it"
+    assert Docking.reason_to_give_up(run.memory, CONFIG) == "not at the dock nor on the axis before it"
 
 
 @pytest.mark.parametrize(("latency", "lag"), [(0.2, 0.0), (0.15, 0.1)])
 def test_it_docks_in_spite_of_dead_time_and_lag(latency, lag):
     sheet = SHEET._replace(command_latency=latency, drive_time_constant=lag)
-    run = Run(CONFIG._replace(drive=ControllerConfig(data_sheet=sheet)), latency=latency, lag=lag)
+    run = Run(CONFIG._replace(drive=SwitchingConfig(data_sheet=sheet)), latency=latency, lag=lag)
     run.drive(Pose(-1.5, 0.3, 0.3))
-    assert (run.memory.phase, run.memory.tries) == (DOCKED, 0)
+    assert (run.memory.stage.phase, run.memory.stage.tries) == (DOCKED, 0)
     assert abs(run.pose.y) < 0.01
     assert abs(run.pose.theta) < 0.01
 
@@ -252,25 +270,28 @@ ON_AXIS = st.sampled_from((STAGING, APPROACHING, RETREATING, DOCKED, FAILED, UND
     ON_AXIS,
     st.booleans(),
     st.booleans(),
-    st.sampled_from((CONTACT, OUT, Pose(1.0, 2.0, 3.0))),
+    st.sampled_from((ORIGIN, OUT, Pose(1.0, 2.0, 3.0))),
+    st.sampled_from((CONTACT_UNKNOWN, NO_CONTACT, CONTACT)),
     st.lists(STEP, max_size=12),
 )
 def test_whatever_the_estimates_the_commands_are_finite_and_within_the_limits(
-    phase, backward, accelerates_at_once, goal, steps
+    phase, backward, accelerates_at_once, goal, contact, steps
 ):
     sheet = DataSheet(0.5, 1.5, 9.0) if accelerates_at_once else SHEET
-    drive = ControllerConfig(data_sheet=sheet)
-    config = DockingConfig(dock_backward=backward, approach_length=0.05, drive=drive)
+    drive = SwitchingConfig(data_sheet=sheet)
+    config = DockingConfig(dock_backward=backward, drive=drive)
     before = Twist(0.2, 0.3)
-    memory = new_docking_memory(config)._replace(phase=phase, command=before)
+    memory = new_docking_memory(config)
+    memory = memory._replace(stage=memory.stage._replace(phase=phase), command=before)
     for x, y, theta, xy, sigma, dt in steps:
-        memory, command, _ = docking_step(memory, Estimate(Pose(x, y, theta), Uncertainty(xy, sigma)), goal, dt, config)
+        seen = Observation(Estimate(Pose(x, y, theta), Uncertainty(xy, sigma)), dt, 0.1, contact)
+        memory, command, _ = docking_step(memory, seen, goal, config)
         assert abs(command.v) <= SHEET.v_max + 1e-12
         assert abs(command.omega) <= SHEET.omega_max + 1e-12
         assert abs(command.v) + 0.5 * SHEET.wheels.wheel_separation * abs(command.omega) <= 9.0 * 0.05 + 1e-12
         if math.isnan(x + y + theta):
             # As in the law to the staging pose, what is no pose stops the robot at once.
-            assert command == (0.0, 0.0) or memory.phase in (DOCKED, FAILED, UNDOCKED)
+            assert command == (0.0, 0.0) or memory.stage.phase in (DOCKED, FAILED, UNDOCKED)
         elif not accelerates_at_once:
             assert abs(command.v - before.v) <= SHEET.a_max * dt + 1e-12
             assert abs(command.omega - before.omega) <= SHEET.omega_dot_max * dt + 1e-12

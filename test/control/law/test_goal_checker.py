@@ -8,21 +8,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import norm, rayleigh
 
-from diffbot_control.law.goal_checker import GoalTolerance, is_knowable, knowable_heading, smallest_tolerance, within
+from diffbot_control.law.goal_checker import GoalTolerance, is_knowable, is_off, smallest_tolerance, within
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import CERTAIN, Uncertainty
 
-TOLERANCE = GoalTolerance(0.4, 0.1, 0.05, 0.2, reached_probability=0.95)
+TOLERANCE = GoalTolerance(0.4, 0.1, reached_probability=0.95)
 SHEET = DataSheet()
 
 
-def judged(rho=0.4, theta=0.1, v=0.05, omega=0.2, sheet=SHEET, uncertainty=CERTAIN):
+def judged(rho=0.4, theta=0.1, v=0.05, omega=0.1, sheet=SHEET, uncertainty=CERTAIN):
     return within(Pose(9.0, 9.0, theta), rho, Twist(v, omega), TOLERANCE, sheet, uncertainty)
 
 
-@pytest.mark.parametrize(("name", "value"), [("rho", 0.4), ("theta", 0.1), ("v", 0.05), ("omega", 0.2)])
+@pytest.mark.parametrize(("name", "value"), [("rho", 0.4), ("theta", 0.1), ("v", 0.05), ("omega", 0.1)])
 def test_each_bound_alone_decides(name, value):
     assert not judged(**{name: math.nextafter(value, 1.0)})
     if name != "rho":
@@ -63,4 +63,16 @@ def test_the_smallest_tolerance_is_the_one_that_is_just_reached(probability, xy,
         position = asked._replace(xy_goal_tolerance=share * length)
         assert is_knowable(position, Uncertainty(xy, 0.0)) == (share > 1.0)
         heading = asked._replace(yaw_goal_tolerance=share * angle)
-        assert knowable_heading(heading, sigma) == is_knowable(heading, Uncertainty(0.0, turn)) == (share > 1.0)
+        assert is_knowable(heading, Uncertainty(0.0, turn)) == (share > 1.0)
+
+
+def test_an_error_is_off_where_too_few_of_the_possible_positions_are_inside_though_they_would_be_at_the_goal():
+    rng = np.random.default_rng(5)
+    x, y = rng.normal(size=(2, 400_000))
+    for rho, sigma in ((0.2, 0.05), (0.27, 0.05), (0.31, 0.05), (0.05, 0.16), (0.1, 0.2), (0.4, 1e-4)):
+        inside = np.mean(np.hypot(rho + sigma * x, sigma * y) <= 0.4)
+        at_the_goal = np.mean(np.hypot(sigma * x, sigma * y) <= 0.4)
+        # Three times the 5 % that an answer may miss.
+        assert abs(inside - 0.85) > 0.003
+        assert abs(at_the_goal - 0.95) > 0.002
+        assert is_off(rho, TOLERANCE, Uncertainty(sigma, 0.0)) == (inside < 0.85 and at_the_goal > 0.95)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from diffbot_control.law.latency import SLOTS, coast, grown, resting_actuation
+from diffbot_control.law.latency import SLOTS, Coasted, coast, predicted, resting_actuation
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
@@ -40,7 +40,7 @@ def integrated(history, latency, lag):
     return Pose(*now), Pose(x, y, theta)
 
 
-def predicted(history, latency, lag):
+def expected(history, latency, lag):
     """Feed the history to the prediction; return what it expects at the end of it."""
     sheet = DataSheet(command_latency=latency, drive_time_constant=lag)
     actuation = resting_actuation()
@@ -58,7 +58,7 @@ def random_history(rng, steps, spans):
 def test_dead_time_alone_is_predicted_exactly(latency, spans):
     rng = random.Random(8)
     for _ in range(4):
-        found, rest = predicted(random_history(rng, 12, spans), latency, 0.0)
+        found, rest = expected(random_history(rng, 12, spans), latency, 0.0)
         assert found.pose == pytest.approx((rest.x, rest.y, math.remainder(rest.theta, math.tau)), abs=2e-6)
 
 
@@ -67,9 +67,9 @@ def test_lag_is_predicted_on_a_line_and_in_the_heading_and_nearly_on_curves(late
     rng = random.Random(9)
     for _ in range(4):
         straight = [(Twist(command.v, 0.0), dt) for command, dt in random_history(rng, 15, (0.1,))]
-        found, rest = predicted(straight, latency, lag)
+        found, rest = expected(straight, latency, lag)
         assert found.pose == pytest.approx((rest.x, 0.0, 0.0), abs=2e-4)
-        found, rest = predicted(random_history(rng, 15, (0.1,)), latency, lag)
+        found, rest = expected(random_history(rng, 15, (0.1,)), latency, lag)
         assert math.remainder(found.pose.theta - rest.theta, math.tau) == pytest.approx(0.0, abs=5e-4)
         # To first order in the curvature: of a way of up to 0.6 m at up to 2 rad/s.
         assert math.hypot(found.pose.x - rest.x, found.pose.y - rest.y) < 0.02
@@ -93,7 +93,7 @@ def test_the_memory_always_covers_the_dead_time(latency, spans):
 
 def test_the_uncertainty_grows_as_sampled_motions_scatter():
     rng = random.Random(11)
-    uncertainty, way, turn, share = Uncertainty(0.02, 0.03), 0.5, 0.4, 0.06
+    uncertainty, way, turn, share = Uncertainty(0.02, 0.03), 0.5, 0.4, 0.05
     xs, ys, thetas = [], [], []
     for _ in range(40_000):
         forward, heading = way * (1.0 + rng.uniform(-share, share)), rng.gauss(0.0, uncertainty.theta)
@@ -101,9 +101,10 @@ def test_the_uncertainty_grows_as_sampled_motions_scatter():
         ys.append(rng.gauss(0.0, uncertainty.xy) + forward * math.sin(heading))
         thetas.append(heading + turn * rng.uniform(-share, share))
     deviations = [math.sqrt(sum(one * one for one in values) / len(values)) for values in (xs, ys, thetas)]
-    found = grown(uncertainty, way, turn, share)
+    rest = Pose(0.5, 0.0, 0.4)
+    found = predicted(Coasted(resting_actuation(), rest, way, turn), uncertainty).uncertainty
     # One number for the position: at least the larger of both directions.
     assert max(deviations[:2]) < found.xy * 1.02
     assert found.xy < 1.25 * max(deviations[:2])
     assert found.theta == pytest.approx(deviations[2], rel=0.02)
-    assert grown(uncertainty, 0.0, 0.0, share) == pytest.approx(uncertainty)
+    assert predicted(Coasted(resting_actuation(), rest, 0.0, 0.0), uncertainty) == (rest, uncertainty)

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from diffbot_control.law.controller import new_memory, step, stop_step
-from diffbot_control.law.limits import limit_acceleration, limit_velocity
+from diffbot_control.law.law import CONTACT_UNKNOWN, Observation
+from diffbot_control.law.limits import limit_acceleration, limit_velocity, slowed
 from diffbot_control.law.presets import PRESETS
 from diffbot_core.data_sheet import DataSheet, rim_speed
 from diffbot_core.geometry import Pose
@@ -116,15 +116,18 @@ def assert_holds(command, last, dt, sheet):
 def test_no_bound_is_broken_by_the_whole_law(preset):
     for seed in range(10):
         rng = random.Random(seed)
-        memory, config = new_memory(), PRESETS[preset]._replace(data_sheet=some_sheet(rng))
+        law, config = PRESETS[preset]
+        config = config._replace(data_sheet=some_sheet(rng))
+        memory = law.new_memory(config)
         for _ in range(150):
             if rng.random() < 0.1:
                 config = config._replace(data_sheet=some_sheet(rng))
             sheet, last = config.data_sheet, memory.command
             pose = Pose(rng.gauss(0.0, 1.0), rng.gauss(0.0, 1.0), rng.uniform(-math.pi, math.pi))
             if rng.random() < 0.1:
-                memory, command = stop_step(memory, 0.1, config)
+                command = slowed(memory.command, 0.1, sheet)
+                memory = law.after_command(memory, command, 0.1, config)
             else:
-                estimate = Estimate(pose, Uncertainty(0.02, 0.02))
-                memory, command, _ = step(memory, estimate, Pose(0.0, 0.0, 0.0), 0.1, config)
+                seen = Observation(Estimate(pose, Uncertainty(0.02, 0.02)), 0.1, 0.1, CONTACT_UNKNOWN)
+                memory, command, _ = law.step(memory, seen, Pose(0.0, 0.0, 0.0), config)
             assert_holds(command, last, 0.1, sheet)

@@ -4,25 +4,38 @@ import itertools
 import math
 
 import pytest
+from driven import Robot
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from diffbot_control.law.limits import limit_global
-from diffbot_control.law.polar_coordinates import Navigation, navigation_variables
-from diffbot_control.law.speed_profile import ProfileGains, approach_speed, auto_gains, vagueness_of
-from diffbot_control.law.steering import BACK, FRONT, Course, chosen_course, drive_and_hold, drive_and_steer
-from diffbot_core.data_sheet import UNLIMITED, DataSheet, rim_speed
+from diffbot_control.law.steering import (
+    BACK,
+    FRONT,
+    Course,
+    Gains,
+    Navigation,
+    approach_speed,
+    chosen_course,
+    course_lyapunov,
+    drive_and_hold,
+    drive_and_steer,
+    gains_of,
+    local_lyapunov,
+    navigation_variables,
+    uncertainty_ratio,
+)
+from diffbot_core.data_sheet import DataSheet, rim_speed
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import WheelGeometry
 
 CHECK = settings(max_examples=100)
 INF = math.inf
+UNLIMITED = DataSheet(INF, INF, INF, INF, INF)
 GAINS = st.builds(
-    ProfileGains,
+    Gains,
     brake=st.floats(0.05, 20.0),
     react=st.floats(0.05, 5.0),
-    sigma_known=st.floats(0.01, 0.2),
-    bearing_weight=st.floats(0.05, 5.0),
     turn_brake=st.floats(0.1, 30.0),
     turn_react=st.floats(0.05, 5.0),
     hold_brake=st.floats(0.1, 30.0),
@@ -49,7 +62,7 @@ def profile(error, brake, react):
 @given(DISTANCES, ANGLES, ANGLES, GAINS)
 def test_the_commands_are_those_of_the_equations(rho, alpha, beta, gains):
     assume(abs(alpha) > 1e-3)
-    f, h = profile(rho, gains.brake, gains.react), gains.bearing_weight
+    f, h = profile(rho, gains.brake, gains.react), 0.8 * min(1.0, rho / 0.3)
     v, omega = f * math.cos(alpha), profile(alpha, gains.turn_brake, gains.turn_react)
     omega += f / rho * math.sin(alpha) / alpha * math.cos(alpha) * (alpha + h * beta)
     navigation = Navigation(rho, alpha, beta)
@@ -98,19 +111,55 @@ def test_the_course_with_the_least_turning_is_chosen_of_those_allowed(x, y, thet
 
 
 def test_a_position_that_is_not_known_well_is_approached_with_a_longer_reaction():
-    gains = ProfileGains(brake=2.0, react=0.5, sigma_known=0.05)
+    gains = gains_of(DataSheet(), 0.1)._replace(brake=2.0, react=0.5)
     known = approach_speed(0.4, 1.0, gains, 10.0)
     # s^2 / (2 brake) + s react = 0.4 with 0.5 s: s^2 / 4 + s / 2 - 0.4 = 0.
     assert known == pytest.approx(-1.0 + math.sqrt(1.0 + 1.6))
     # Twice the deviation to arrive with: 0.5 s times 2^2 = 2 s. That is 0.05 m, or 0.3 of a wide tolerance.
-    assert vagueness_of(0.1, gains, 0.1) == vagueness_of(0.18, gains, 0.3) == pytest.approx(2.0)
+    assert uncertainty_ratio(0.1, 0.05, 0.1) == uncertainty_ratio(0.18, 0.05, 0.3) == pytest.approx(2.0)
     assert approach_speed(0.4, 2.0, gains, 10.0) == pytest.approx(-4.0 + math.sqrt(16.0 + 1.6))
     assert approach_speed(100.0, 0.0, gains, 1.3) == 1.3
 
 
-def test_automatic_gains_are_the_defaults_at_the_papers_period_and_follow_the_data_sheet():
-    assert auto_gains(DataSheet(), 0.1) == pytest.approx(ProfileGains())
-    slow = auto_gains(DataSheet(a_max=0.5, omega_dot_max=1.5, command_latency=0.2, drive_time_constant=0.1), 0.2)
+def test_the_gains_follow_the_data_sheet_and_the_period():
+    slow = gains_of(DataSheet(a_max=0.5, omega_dot_max=1.5, command_latency=0.2, drive_time_constant=0.1), 0.2)
     assert (slow.brake, slow.turn_brake, slow.hold_brake) == pytest.approx((0.43, 0.975, 0.975))
-    # Half a period, 0.2 s of unknown latency and a tenth of what is known.
-    assert (slow.react, slow.turn_react, slow.hold_react) == pytest.approx((0.66, 0.594, 0.528))
+    # Half a period and 0.2 s of unknown latency: 0.3 s.
+    assert (slow.react, slow.turn_react, slow.hold_react) == pytest.approx((0.6, 0.54, 0.48))
+    fast = gains_of(DataSheet(), 0.1)
+    assert (fast.brake, fast.turn_brake, fast.hold_brake) == (3.0, 7.0, 5.0)
+    assert (fast.react, fast.turn_react, fast.hold_react) == pytest.approx((0.5, 0.45, 0.4))
+
+
+@CHECK
+@given(st.floats(0.01, 5.0), ANGLES, ANGLES)
+def test_the_lyapunov_functions_fall_as_stated(rho, alpha, beta):
+    """Against the kinematics, by differences of V along a short drive."""
+    assume(rho > 0.05)
+    gains, h = gains_of(DataSheet(), 0.1), 1e-6
+    pose = Pose(-rho * math.cos(beta), -rho * math.sin(beta), beta - alpha)
+    navigation, theta = navigation_variables(pose), math.remainder(beta - alpha, math.tau)
+    assume(all(abs(abs(angle) - math.pi) > 1e-3 for angle in (navigation.alpha, navigation.beta, theta)))
+    pose = pose._replace(theta=theta)
+    f = profile(rho, gains.brake, gains.react)
+
+    def slope(value, command):
+        robot = Robot(pose)
+        robot.drive(command, h)
+        return (value(robot.pose) - value(pose)) / h
+
+    far = slope(
+        lambda one: course_lyapunov(navigation_variables(one)),
+        drive_and_steer(navigation, 0.0, FRONT, gains, UNLIMITED),
+    )
+    alpha, beta = navigation.alpha, navigation.beta
+    drive = -rho * f * math.cos(alpha) ** 2
+    fade = -0.5 * 0.8 / 0.3 * f * math.cos(alpha) ** 2 * beta**2 if rho < 0.3 else 0.0
+    phi = profile(alpha, gains.turn_brake, gains.turn_react)
+    assert far == pytest.approx(drive - alpha * phi + fade, rel=1e-3, abs=1e-4)
+    near = slope(
+        lambda one: local_lyapunov(navigation_variables(one), one.theta),
+        drive_and_hold(navigation, theta, 0.0, gains, UNLIMITED),
+    )
+    hold = profile(theta, gains.hold_brake, gains.hold_react)
+    assert near == pytest.approx(drive - theta * hold, rel=1e-3, abs=1e-4)

@@ -5,7 +5,7 @@ from typing import Annotated, NamedTuple
 
 import pytest
 
-from diffbot_control.law.controller import SwitchingLaw
+from diffbot_control.law import PRESETS, GoalTolerance, Law, PaperConfig, SwitchingLaw
 from diffbot_control.ros.parameters.controller import ControllerNodeConfig, parameter_set_of
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.errors import InvalidValueError
@@ -42,9 +42,11 @@ def law_with(config):
         "name": "mine",
         "Config": config,
         "new_memory": staticmethod(lambda _: Memory()),
-        "step": staticmethod(lambda memory, estimate, goal, dt, config: (memory, None, None)),
+        "step": staticmethod(lambda memory, observation, goal, config: (memory, None, None)),
+        "data_sheet": staticmethod(lambda config: DataSheet()),
+        "tolerance": staticmethod(lambda config: GoalTolerance()),
     }
-    setattr(sys.modules[__name__], f"Law{config.__name__}", type("Law", (), members))
+    setattr(sys.modules[__name__], f"Law{config.__name__}", type("Law", (Law,), members))
     return f"{__name__}:Law{config.__name__}"
 
 
@@ -54,7 +56,7 @@ def test_a_registered_law_brings_its_parameters_and_the_node_keeps_its_own():
     own = {one.name for one in parameters_of(ControllerNodeConfig)}
     of_laws = {one.name for law in (SwitchingLaw.Config, RotateDriveRotateConfig) for one in parameters_of(law)}
     assert presets is None
-    assert names - of_laws == own - of_laws - {"preset", "max_departures"}
+    assert names - of_laws == own - of_laws - {"preset"}
     assert {one.name for one in parameters_of(RotateDriveRotateConfig)} <= names
     config = build(config_type, {"command_latency": 0.2, "drive_brake": 2.0, "hold_goal": False})
     controller = config.supervisor.controller
@@ -84,3 +86,36 @@ def test_fields_without_a_spec_are_no_parameters_and_keep_their_defaults():
 def test_a_law_whose_parameters_the_node_cannot_have_is_refused(config, reason):
     with pytest.raises(InvalidValueError, match=f"must be {reason}$"):
         parameter_set_of({"law": law_with(config)})
+
+
+@pytest.mark.parametrize(
+    ("given", "law", "preset"),
+    [
+        ({}, "switching", "tuned"),
+        ({"preset": "precise"}, "switching", "precise"),
+        ({"preset": "paper"}, "paper", "paper"),
+        ({"law": "paper"}, "paper", "paper"),
+        ({"law": "paper", "preset": "paper"}, "paper", "paper"),
+    ],
+)
+def test_a_preset_selects_its_law_and_a_law_its_preset(given, law, preset):
+    config_type, presets = parameter_set_of(given)
+    found = presets[given.get("preset", config_type().preset)]
+    assert (found.law, found.preset) == (law, preset)
+    assert found.supervisor.controller == PRESETS[preset].config
+    assert build(config_type, given, found) == found
+
+
+@pytest.mark.parametrize("given", [{"law": "switching", "preset": "paper"}, {"law": "docking", "preset": "tuned"}])
+def test_a_preset_of_another_law_is_refused(given):
+    with pytest.raises(
+        InvalidValueError, match=f"preset = '{given['preset']}': must be one of the law {given['law']}: "
+    ):
+        parameter_set_of(given)
+
+
+def test_the_controller_of_the_paper_has_the_papers_parameters():
+    config_type, _ = parameter_set_of({"preset": "paper"})
+    names = {one.name for one in parameters_of(config_type)}
+    assert {one.name for one in parameters_of(PaperConfig)} <= names
+    assert "sigma_known" not in names

@@ -9,11 +9,11 @@ from sensor_msgs.msg import Imu, PointCloud2, PointField
 
 from diffbot_control.filter.covariance import uncertainty_of
 from diffbot_control.filter.localization import Localization
-from diffbot_control.ros.messages.ekf import EkfInputs, error_values
+from diffbot_control.ros.messages.ekf import EkfInputs, localization_values
 from diffbot_control.ros.messages.fields import MAX_SPEED
 from diffbot_control.ros.messages.landmark_cloud import LandmarkPoint, fill_landmark_points
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
-from diffbot_control.ros.sensors.sensor import fuse
+from diffbot_control.ros.sensors import fuse
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import MAX_COORDINATE
 from diffbot_core.schema import build
@@ -25,7 +25,8 @@ BASE = build(
     EkfNodeConfig,
     {
         "pose_sources": ["gps"],
-        **{f"pose_source_{name}": [0.1] for name in ("sigma_xy", "sigma_yaw", "correlation_time", "delay")},
+        **{f"pose_source_{name}": [0.1] for name in ("sigma_xy", "sigma_yaw", "delay")},
+        "correlation_times": [0.1] * 4,
         "landmark_ids": [1],
         "landmark_x": [2.0],
         "landmark_y": [1.0],
@@ -52,7 +53,7 @@ def readings(inputs, time, far, variances):
     detection.header.frame_id = "base_link"
     detection.pose.covariance[[0, 7, 35]] = variances
     bare = PoseStamped(header=detection.header, pose=detection.pose.pose)
-    for sensor in inputs.sensors:
+    for sensor in inputs.sensors.values():
         if sensor.topic == "detected_dock_pose":
             by_topic[sensor.topic] = bare if sensor.message_type.endswith("/PoseStamped") else detection
         yield lambda sensor=sensor: sensor.read(by_topic[sensor.topic])
@@ -60,10 +61,8 @@ def readings(inputs, time, far, variances):
 
 def drive(config, rng):
     """Yield the numbers and texts that the node publishes after each odometry; refused messages are left out."""
-    inputs, localization = (
-        EkfInputs(config),
-        Localization(config.localization, config.wheels.wheel_separation, landmarks=True),
-    )
+    landmarks, separation = tuple(config.landmarks.points().values()), config.wheels.wheel_separation
+    inputs, localization = EkfInputs(config), Localization(config.localization, separation, landmarks=landmarks)
     time = 1000.0
     for step in range(STEPS):
         wild = step == STEPS - 1
@@ -85,7 +84,7 @@ def drive(config, rng):
         except BadMessageError:
             continue
         twist, covariance = localization.twist_of(estimate, given)
-        texts = " ".join((localization.monitor.values() | error_values(localization.filter)).values())
+        texts = " ".join(localization_values(localization).values())
         yield (estimate.pose, estimate.P, uncertainty_of(estimate.P), twist, covariance), texts
 
 

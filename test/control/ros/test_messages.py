@@ -8,9 +8,8 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from scipy.spatial.transform import Rotation
 
-from diffbot_control.ros.messages.conversions import pose_from
-from diffbot_control.ros.sensors.fixes import fix_from
-from diffbot_control.ros.sensors.noise import KnownNoise
+from diffbot_control.ros.messages.fields import pose_from
+from diffbot_control.ros.sensors import KnownNoise, stamped_pose
 from diffbot_core.errors import BadMessageError
 
 KINDS = pytest.mark.parametrize("kind", [PoseWithCovarianceStamped, Odometry], ids=lambda kind: kind.__name__)
@@ -66,10 +65,10 @@ UNSAID = [np.zeros((3, 3)), np.diag([0.04, 0.04, 0.0]), np.diag([0.04, 0.04, 1e9
 def test_a_fallback_stands_in_for_an_unknown_covariance_but_not_for_a_wrong_one():
     noise = KnownNoise(np.diag([0.25, 0.25, 0.01]))
     for covariance in UNSAID:
-        assert fix_from(estimate(PoseWithCovarianceStamped, covariance), "map", noise).R is noise.R
+        assert stamped_pose(estimate(PoseWithCovarianceStamped, covariance), "map", noise)[2] is noise.R
     for covariance in WRONG:
         with pytest.raises(BadMessageError, match="covariance not"):
-            fix_from(estimate(PoseWithCovarianceStamped, covariance), "map", noise)
+            stamped_pose(estimate(PoseWithCovarianceStamped, covariance), "map", noise)
         # Deviations that replace those of all messages replace wrong ones, too.
         always = noise._replace(always=True)
-        assert fix_from(estimate(PoseWithCovarianceStamped, covariance), "map", always).R is noise.R
+        assert stamped_pose(estimate(PoseWithCovarianceStamped, covariance), "map", always)[2] is noise.R

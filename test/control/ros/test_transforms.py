@@ -13,9 +13,9 @@ from rclpy.time import Time
 from robot import pose_stamped
 from scipy.spatial.transform import Rotation
 
-from diffbot_control.ros.messages.conversions import goal_from, path_from
+from diffbot_control.ros.messages.conversions import path_from
 from diffbot_control.ros.tf import Tf2Transforms
-from diffbot_control.ros.transforms import transformed
+from diffbot_control.ros.transforms import StaticTransforms, pose_in_frame, transformed
 from diffbot_core.errors import BadMessageError
 
 SECOND = 10**9
@@ -50,8 +50,33 @@ def test_a_pose_is_transformed_as_homogeneous_matrices_do_it(t, p, q, pose):
     )
 
 
+def test_static_transforms_are_composed_through_their_common_ancestor_whatever_the_order():
+    known, turns = StaticTransforms(), [Rotation.from_euler("ZYX", angles) for angles in np.eye(3) + 0.3]
+    chain = [
+        ("base_footprint", "base_link", (0.0, 0.0, 0.1), turns[0]),
+        ("base_link", "mast", (0.2, 0.1, 0.5), turns[1]),
+        ("mast", "imu_link", (0.0, -0.3, 0.2), turns[2]),
+    ]
+    for parent, child, t, q in reversed(chain):
+        known.add(parent, child, filled(Transform(), t, q))
+    steps = [matrix(t, q) for _, _, t, q in chain]
+    found = known.lookup("imu_link", "base_link", 0)
+    expected = np.linalg.inv(steps[1] @ steps[2])
+    r, t = found.rotation, found.translation
+    np.testing.assert_allclose(Rotation.from_quat([r.x, r.y, r.z, r.w]).as_matrix(), expected[:3, :3], atol=1e-12)
+    np.testing.assert_allclose((t.x, t.y, t.z), expected[:3, 3], atol=1e-12)
+    assert known.lookup("base_link", "base_link", 0).rotation.w == pytest.approx(1.0)
+    with pytest.raises(BadMessageError, match="no transform: 'camera' to 'base_link'"):
+        known.lookup("base_link", "camera", 0)
+    known.add("imu_link", "base_footprint", filled(Transform(), (0.0, 0.0, 0.0), turns[0]))  # a loop
+    with pytest.raises(BadMessageError, match="no transform"):
+        known.lookup("camera", "imu_link", 0)
+
+
 class Known:
     """Transforms from one frame only; remembers what it was asked for."""
+
+    available = True
 
     def __init__(self, source, transform):
         self.source, self.transform, self.asked = source, transform, []
@@ -71,9 +96,10 @@ def test_a_goal_in_odom_is_given_in_map():
     goal = pose_stamped(2.0, 1.0, 0.5, "odom")
     goal.header.stamp.sec = 7
     known = Known("odom", QUARTER)
-    assert goal_from(goal, "map", known) == pytest.approx((9.0, 2.0, 0.5 + math.pi / 2))
+    assert pose_in_frame(goal.pose, goal.header, "map", known) == pytest.approx((9.0, 2.0, 0.5 + math.pi / 2))
     # One in map asks for no transform.
-    assert goal_from(pose_stamped(2.0, 1.0, 0.5), "map", known) == pytest.approx((2.0, 1.0, 0.5))
+    goal = pose_stamped(2.0, 1.0, 0.5)
+    assert pose_in_frame(goal.pose, goal.header, "map", known) == pytest.approx((2.0, 1.0, 0.5))
     assert known.asked == [("map", "odom", 7 * SECOND)]
 
 

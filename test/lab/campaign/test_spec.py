@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import yaml
 
-from diffbot_control.ros.parameters.controller import ControllerNodeConfig
+from diffbot_control.law import PRESETS
 from diffbot_lab.campaign.spec import make_campaign, read_campaign
-from diffbot_sim.compiled.closed_loop import EKF
+from diffbot_sim.robot_step import EKF_CODE
 from diffbot_tools import cli
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -21,10 +21,10 @@ def test_the_example_is_unfolded():
     grid = yaml.safe_load((ROOT / "config" / "campaign.yaml").read_text())["grid"]
     points = list(itertools.product(grid["k"], grid["eps_P"]))
     controllers = [cell.case.controller for cell in campaign.cells]
-    assert [(one.gains.k, one.region_policy.fixed.eps_P) for one in controllers] == points
-    assert {one.region_policy.fixed.eps_P_leave for one in controllers} == {0.6}
+    assert [(one.gains.k, one.eps_P) for one in controllers] == points
+    assert {one.eps_P_leave for one in controllers} == {0.6}
     case = campaign.cells[0].case
-    assert (case.steps, case.feedback, case.xy_tolerance, case.yaw_tolerance) == (400, EKF, 0.4, 0.1)
+    assert (case.steps, case.feedback, case.xy_tolerance, case.yaw_tolerance) == (400, EKF_CODE, 0.4, 0.1)
 
 
 def test_starts():
@@ -54,46 +54,39 @@ def test_flags_win_and_grids_are_merged_by_name(tmp_path):
     assert [cell.case.steps for cell in campaign.cells] == [30, 12, 1]
 
 
-def test_identity_and_resolved_values_name_all_that_decides():
+def test_the_identity_names_all_that_decides():
     paper = {"preset": "paper", "h": 0.2}
     base = {"runs": 5, "set": paper, "grid": {"k": [1.0]}, "start": CIRCLE}
     found = make_campaign(base)
-    for same in ({**base, "chunk": 17}, dict(reversed(base.items()))):
-        assert make_campaign(same).identity == found.identity
     # What a value stands for counts, whatever the words.
-    assert make_campaign({**base, "set": {**paper, "k_2": 2.7}}).resolved == found.resolved
-    others = [{"runs": 6}, {"seed": 2}, {"duration": 61.0}, {"feedback": "raw"}, {"goal": [0.0, 0.0, 1e-300]}]
-    others += [{"set": {**paper, "preset": "paper_covariance"}}, {"set": {**paper, "gate_probability": 0.98}}]
+    for same in (dict(reversed(base.items())), {**base, "set": {**paper, "k_2": 2.7}}):
+        assert make_campaign(same).identity == found.identity
+    others = [{"runs": 6}, {"seed": 2}, {"duration": 61.0}, {"feedback": "raw"}]
+    others += [{"set": {"preset": "precise"}, "grid": {}}, {"set": {**paper, "gate_probability": 0.98}}]
     others += [{"set": {**paper, "h": 0.20000000000000004}}, {"grid": {"k": [1.5]}}]
     others += [{"start": {"circle": {"radius": 2.5}}}]
     campaigns = [found, *(make_campaign({**base, **other}) for other in others)]
-    assert len({one.identity for one in campaigns}) == len({one.resolved for one in campaigns}) == len(campaigns)
+    assert len({one.identity for one in campaigns}) == len(campaigns)
 
 
 REFUSED = {
     "unknown key": ("rnus: 5", "did you mean runs"),
-    "replaced parameter in set": (
-        "set: {follow_covariance: true}",
-        "follow_covariance = True: was replaced by region_policy (fixed or covariance)",
-    ),
     "empty grid": ("grid: {k: []}", "grid.k = []"),
     "the same value twice": ("grid: {k: [1, 2, 1.0]}", "grid.k = [1, 2, 1.0]"),
     "too many cells": (f"grid: {{k: {list(range(1, 102))}, h: {list(range(1, 102))}}}", "10201 cells"),
-    "nan in grid": ("grid: {k: [1.0, .nan]}", "k = nan"),
+    "nan in grid": ("set: {preset: paper}\ngrid: {k: [1.0, .nan]}", "k = nan"),
     "delay": ("set: {fix_delay: 1.2}", "fix_delay = 1.2"),
     "two starts": ("start: {list: [[0, 0, 0]], box: {}}", "start = {"),
-    "start beyond all floats": (f"start: {{list: [[0, 0, 1{'0' * 400}]]}}", "a number of too many digits"),
+    "start beyond all floats": (
+        f"start: {{list: [[0, 0, 1{'0' * 400}]]}}",
+        "<a number of 1329 bits>",
+    ),
     "box turned round": ("start: {box: {x: [1, 0]}}", "start.box.x = [1, 0]"),
     "circle without radius": ("start: {circle: {points: 3}}", "start.circle.radius = None"),
     "circle of nan headings": ("start: {circle: {radius: 1, headings: [.nan]}}", "start.circle.headings = [nan]"),
-    "a number of 4000 bits": (f"runs: 0x{'f' * 1000}", "too many digits"),
-    "of another profile": ("set: {h: 0.2}", "set.h = 0.2: must be left out, it acts only with speed_profile: tanh"),
-    "of another profile in the grid": (
-        "set: {preset: paper}\ngrid: {react: [0.2]}",
-        "acts only with speed_profile: braking",
-    ),
-    "of another region": ("grid: {eps_P: [0.1]}", "acts only with region_policy: fixed"),
-    "of derived gains": ("set: {gains: auto, react: 0.2}", "acts only with gains: preset"),
+    "a number of 4000 bits": (f"runs: 0x{'f' * 1000}", "runs = <a number of 4000 bits>"),
+    "of another law": ("set: {h: 0.2}", "h = 0.2"),
+    "of another law in a cell": ("set: {sigma_known: 0.1}\ngrid: {preset: [tuned, paper]}", "sigma_known = 0.1"),
     "of no filter": ("feedback: raw\nset: {gate_probability: 0.9}", "acts only with feedback: ekf"),
     "no mapping": ("- 1\n- 2", "must be a mapping of keys, found list"),
     "misspelt": ("set: {wheel_radiu: 0.1}", "did you mean wheel_radius"),
@@ -127,6 +120,7 @@ def test_refused_in_one_line(name, tmp_path, capsys):
         (["--set", "k=1", "k=2"], 1, "--set k = 2: must be given once"),
         (["--set", "k=1", "--grid", "k=[1]"], 1, "set.k = 1"),
         (["--workers", "0"], 2, "--workers"),
+        (["--workers", "2", "--scheduler", "tcp://127.0.0.1:1"], 2, "--scheduler: not allowed with argument --workers"),
     ],
 )
 def test_flags_refused_in_one_line(flags, status, part, tmp_path, capsys):
@@ -145,12 +139,14 @@ def test_a_campaign_runs_any_law():
     configs = [cell.case.controller for cell in campaign.cells]
     assert [(one.k_phi, one.k_delta) for one in configs] == [(2.0, 1.5), (2.0, 2.0)]
     assert {one.data_sheet.wheels.wheel_radius for one in configs} == {0.07}
-    assert {cell.case.plant.wheels.wheel_radius for cell in campaign.cells} == {0.07}
+    assert {cell.case.robot.plant.wheels.wheel_radius for cell in campaign.cells} == {0.07}
     by_path = make_campaign({"law": "diffbot_lab.laws.graceful:Graceful", **given})
     assert by_path.cells[0].case == campaign.cells[0].case
-    assert by_path.resolved != campaign.resolved
+    assert by_path.identity != campaign.identity
 
 
-def test_a_parameter_that_acts_in_one_cell_is_no_error_and_the_law_is_the_nodes():
-    assert make_campaign({"set": {"react": 0.2}, "grid": {"preset": ["paper", "tuned"]}}).cells
-    assert make_campaign({}).cells[0].case.controller == ControllerNodeConfig().supervisor.controller
+def test_a_preset_selects_its_law_in_each_cell_and_the_default_is_the_nodes():
+    cells = make_campaign({"grid": {"preset": ["paper", "tuned", "precise"]}}).cells
+    assert [cell.law for cell in cells] == ["paper", "switching", "switching"]
+    assert [cell.case.controller for cell in cells] == [PRESETS[name].config for name in ("paper", "tuned", "precise")]
+    assert make_campaign({}).cells[0].case.controller == PRESETS["tuned"].config

@@ -4,10 +4,9 @@ import cmath
 import math
 
 import pytest
-from driven import Robot
+from driven import Robot, seen
 
 from diffbot_core.geometry import Pose
-from diffbot_core.uncertainty import CERTAIN, Estimate
 from diffbot_lab.laws.nav2_docking import (
     APPROACHING,
     ENDED,
@@ -47,7 +46,8 @@ def driven(start, config, steps=400, dt=0.05):
     """Drive a unicycle by the law; return poses, commands and phases."""
     robot, memory, found, dock = Robot(start), Nav2Docking.new_memory(config), [], Pose(0.0, 0.0, 0.0)
     for index in range(steps):
-        memory, command, _ = Nav2Docking.step(memory, Estimate(robot.pose, CERTAIN), dock, dt if index else 0.0, config)
+        observation = seen(robot.pose, dt=dt if index else 0.0, period=dt)
+        memory, command, _ = Nav2Docking.step(memory, observation, dock, config)
         found.append((robot.pose, command, memory.state.phase))
         robot.drive(command, dt)
     return found

@@ -4,11 +4,11 @@ import json
 from pathlib import Path
 
 import pytest
+from driven import seen
 
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
-from diffbot_core.uncertainty import CERTAIN, Estimate
-from diffbot_lab.laws.nav2_graceful import Nav2Graceful, Nav2GracefulConfig, goal_checked, nav2_graceful, new_drive
+from diffbot_lab.laws.nav2_graceful import Nav2Graceful, Nav2GracefulConfig, goal_checked, nav2_graceful, new_plan
 
 RECORDED = json.loads(Path(__file__).with_name("nav2_graceful.json").read_text())
 ORIGIN = Pose(0.0, 0.0, 0.0)
@@ -22,7 +22,7 @@ def test_each_command_is_that_of_the_compiled_controller(drive):
     config, plan = Nav2GracefulConfig(**values, stop=stop), None
     for number, (x, y, theta, v, omega) in enumerate(drive["steps"]):
         if number % RECORDED["steps_of_a_plan"] == 0:
-            plan = new_drive(x, y, 0.0)
+            plan = new_plan(x, y, 0.0)
         plan, command = nav2_graceful(plan, Pose(x, y, theta), config)
         assert command == pytest.approx((v, omega), abs=2e-6)
 
@@ -33,18 +33,18 @@ def test_a_plan_is_made_each_second_and_forgets_what_was_checked():
     ages = []
     for number in range(25):
         pose = Pose(-3.0 + 0.04 * number, 0.0, 0.0)
-        memory, _, _ = Nav2Graceful.step(memory, Estimate(pose, CERTAIN), ORIGIN, 0.1 if number else 0.0, config)
+        memory, _, _ = Nav2Graceful.step(memory, seen(pose, dt=0.1 if number else 0.0), ORIGIN, config)
         ages.append(round(memory.state.age, 3))
     assert [number for number, age in enumerate(ages) if age == 0.0] == [0, 10, 20]
 
 
 def test_the_goal_checker_asks_for_the_position_once_and_the_end_is_final():
     config = Nav2GracefulConfig()
-    drive = goal_checked(new_drive(-1.0, 0.0, 0.0), Pose(0.05, 0.0, 1.0), config.stop)
+    drive = goal_checked(new_plan(-1.0, 0.0, 0.0), Pose(0.05, 0.0, 1.0), config.stop)
     assert (drive.checked, drive.done) == (True, False)
     assert goal_checked(drive, Pose(0.5, 0.0, 0.04), config.stop).done
-    assert not goal_checked(new_drive(-1.0, 0.0, 0.0), Pose(0.5, 0.0, 0.0), config.stop).done
+    assert not goal_checked(new_plan(-1.0, 0.0, 0.0), Pose(0.5, 0.0, 0.0), config.stop).done
     memory = Nav2Graceful.new_memory(config)
     for pose in (ORIGIN, Pose(2.0, 1.0, 1.0)):
-        memory, command, _ = Nav2Graceful.step(memory, Estimate(pose, CERTAIN), ORIGIN, 0.1, config)
+        memory, command, _ = Nav2Graceful.step(memory, seen(pose), ORIGIN, config)
         assert command == Twist(0.0, 0.0)

@@ -1,36 +1,33 @@
-"""The bounds of the checker hold the robot's own law, limits and plant."""
+"""The bounds of a step hold the robot's own law, limits, switch and plant."""
 
 import math
 
 import numpy as np
 import pytest
-from tuned_steps import CONFIG, GAINS, PLAN, SHEET, SLOWING, random_local_distance, random_step
+from tuned_steps import CONFIG, LAW, PLAN, SHEET, SLOWING, measured, moved, random_step
 
-from diffbot_control.law.polar_coordinates import Navigation
-from diffbot_control.law.steering import BACK, FRONT, drive_and_steer
+from diffbot_control.law.law import CONTACT_UNKNOWN, Observation
+from diffbot_control.law.regions import OMEGA_G, OMEGA_L, Switching
+from diffbot_control.law.steering import BACK, FRONT, Navigation, drive_and_steer
+from diffbot_control.law.switching import new_memory, step
 from diffbot_core.errors import InvalidValueError
-from diffbot_lab.stability.check.commands import command_of, numbers_of
-from diffbot_lab.stability.check.near import farthest_of_ring
-from diffbot_lab.stability.check.steps import Box, after, clipped, motion_of, slice_count, slice_of, with_beta
+from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import Twist
+from diffbot_core.uncertainty import Estimate, Uncertainty
+from diffbot_lab.stability.checker_bounds import Box, command_of, farthest_local, images, most_images, numbers_of
+from diffbot_lab.stability.maker_bounds import boxes_of_row, maker_loop
 from diffbot_lab.stability.plan import Contract, Plan, requesting
 
-CHECKER = numbers_of(requesting(CONFIG, PLAN), PLAN)
+LOOP = numbers_of(LAW, PLAN)
 ROUNDING = 1e-9
+GOAL = Pose(0.0, 0.0, 0.0)
 
 
-def checkers_images(sides):
-    """Boxes after one step, as the check of the cells makes them."""
+def images_of(sides):
+    """Boxes (n, 6) after one step."""
     box = Box(*sides)
-    parts = slice_count(CHECKER, box, 0.1)
-    for part in range(parts):
-        one = slice_of(CHECKER, box, part, parts)
-        for others in (-1, 0, 1):
-            d0, d1, p, q = with_beta(CHECKER, box, one, others)
-            for turns in (-1, 0, 1):
-                alpha, beta = clipped(p, q, turns), clipped(box.b0 + d0, box.b1 + d1, others)
-                if one.possible and d0 <= d1 and alpha[0] <= alpha[1] and beta[0] <= beta[1]:
-                    command = command_of(CHECKER, (one.near, one.far), alpha, beta)
-                    yield after(CHECKER, box, *motion_of(CHECKER, command))
+    boxes = np.empty((most_images(LOOP, box), 6))
+    return boxes[: images(LOOP, box, boxes)]
 
 
 def test_commands_of_the_law_are_inside_their_bounds():
@@ -39,10 +36,10 @@ def test_commands_of_the_law_are_inside_their_bounds():
         near = rng.uniform(0.05, 12.0) ** rng.choice([1.0, 3.0]) % 12.0 + 0.02
         low = np.array([near, *rng.uniform(-math.pi, math.pi, 2)])
         high = np.minimum(low + 0.2 * rng.uniform(size=3), [math.inf, math.pi, math.pi])
-        v_low, v_high, omega_low, omega_high = command_of(CHECKER, *zip(low.tolist(), high.tolist(), strict=True))
+        v_low, v_high, omega_low, omega_high = command_of(LOOP, *zip(low.tolist(), high.tolist(), strict=True))
         for share in (*np.eye(3), *rng.uniform(size=(4, 3)), np.zeros(3), np.ones(3)):
             at = Navigation(*(low + share * (high - low)))
-            v, omega = drive_and_steer(at, rng.choice([0.0, SLOWING]), FRONT, GAINS, SHEET)
+            v, omega = drive_and_steer(at, rng.choice([0.0, SLOWING]), FRONT, LAW.gains, SHEET)
             assert v_low - ROUNDING <= v <= v_high + ROUNDING, (low, high, at)
             assert omega_low - ROUNDING <= omega <= omega_high + ROUNDING, (low, high, at)
 
@@ -55,11 +52,12 @@ def near_or_around(angle, low, high):
 @pytest.mark.parametrize("leading", [FRONT, BACK])
 def test_states_after_a_step_are_in_the_images_of_their_cell_whichever_end_leads(leading):
     rng = np.random.default_rng(2 + leading)
-    for _ in range(50):
-        rho = rng.choice([rng.uniform(0.3, 1.0), rng.uniform(1.0, 12.0)])
+    for _ in range(60):
+        rho = rng.choice([rng.uniform(0.12, 0.4), rng.uniform(0.3, 1.0), rng.uniform(1.0, 12.0)])
         alpha, beta = rng.uniform(-math.pi, math.pi - 0.1, 2)
         sides = rho, rho + 0.01, alpha, alpha + 0.04, beta, beta + 0.1
-        boxes = list(checkers_images(sides))
+        boxes = images_of(sides)
+        assert len(boxes) > 0
         for _ in range(12):
             found = random_step(rng, sides, leading)
             assert any(
@@ -70,11 +68,60 @@ def test_states_after_a_step_are_in_the_images_of_their_cell_whichever_end_leads
             ), (sides, found)
 
 
-def test_steps_of_omega_l_stay_within_the_checkers_largest_distance_of_their_ring():
-    rng = np.random.default_rng(3)
-    largest = farthest_of_ring(CHECKER, 0.38, 0.385, 30, 12, 0.06)
-    found = [random_local_distance(rng, rng.uniform(0.38, 0.385), rng.uniform(0.0, math.pi)) for _ in range(2000)]
-    assert largest - 0.006 < max(found) <= largest
+def test_states_after_a_step_are_in_the_images_of_the_maker():
+    rng, loop, alphas, betas = np.random.default_rng(6), maker_loop(LAW, PLAN), 144, 64
+    for _ in range(40):
+        rho = rng.choice([rng.uniform(0.12, 0.4), rng.uniform(0.3, 1.0), rng.uniform(1.0, 12.0)])
+        boxes, start = boxes_of_row(loop, (rho, rho + 0.01), alphas, betas)
+        for cell in rng.integers(0, alphas // 2 * betas, 12):
+            alpha = 2.0 * math.pi / alphas * (cell // betas)
+            beta = 2.0 * math.pi / betas * (cell % betas) - math.pi
+            found = random_step(
+                rng, (rho, rho + 0.01, alpha, alpha + 2.0 * math.pi / alphas, beta, beta + 2.0 * math.pi / betas), FRONT
+            )
+            assert any(
+                r0 <= found.rho <= r1 and near_or_around(found.alpha, a0, a1) and near_or_around(found.beta, b0, b1)
+                for r0, r1, a0, a1, b0, b1 in boxes[start[cell] : start[cell + 1]].tolist()
+            ), (rho, alpha, beta, found)
+
+
+def random_local_state(rng):
+    """Return a pose that may be in Omega_L, near the edge of where it may, and a memory there."""
+    rho, angle = rng.uniform(0.1, 0.23), rng.uniform(-math.pi, math.pi)
+    theta = rng.uniform(-math.pi, math.pi) if rng.random() < 0.5 else 0.0
+    command = Twist(0.0, 0.0) if rng.random() < 0.5 else Twist(0.3, 0.5)
+    memory = new_memory()._replace(switching=Switching(OMEGA_L, 1, rng.choice([0.0, 10.0])), command=command)
+    return Pose(rho * math.cos(angle), rho * math.sin(angle), theta), memory
+
+
+def test_omega_l_and_departures_from_it_end_within_the_bound_that_the_core_contains():
+    rng, farthest, departed = np.random.default_rng(3), 0.0, 0.0
+    bound = farthest_local(LOOP)
+    for _ in range(6000):
+        pose, memory = random_local_state(rng)
+        seen = measured(pose, rng.choice([-1.0, 0.0, 1.0], 3))
+        estimate = Estimate(seen, Uncertainty(rng.choice([0.01, PLAN.contract.sigma_max]), 0.01))
+        after, command, report = step(memory, Observation(estimate, 0.1, 0.1, CONTACT_UNKNOWN), GOAL, CONFIG)
+        if after.switching.region == OMEGA_L:
+            pose = moved(rng, pose, command)
+            farthest = max(farthest, math.hypot(pose.x, pose.y))
+        elif report.rho <= LOOP.leaving:
+            departed = max(departed, math.hypot(pose.x, pose.y))
+    assert bound - 0.04 < farthest <= bound
+    assert 0.1 < departed <= LOOP.leaving + LOOP.eps_rho < bound
+
+
+@pytest.mark.parametrize("tolerance", [0.1, 0.4])
+def test_poses_beyond_the_leaving_radius_count_as_outside_and_nearer_ones_may_not(tolerance):
+    config = CONFIG._replace(tolerance=CONFIG.tolerance._replace(xy_goal_tolerance=tolerance))
+    radius = numbers_of(requesting(config, PLAN), PLAN).leaving
+    before = new_memory()._replace(switching=Switching(OMEGA_L, 1, 0.0), command=Twist(0.2, 0.0))
+    for rho in np.linspace(0.02, 3.0, 75):
+        found = set()
+        for sigma in np.linspace(0.0, PLAN.contract.sigma_max, 12):
+            seen = Estimate(Pose(0.0, rho, 0.0), Uncertainty(sigma, 0.0))
+            found.add(step(before, Observation(seen, 0.1, 0.1, CONTACT_UNKNOWN), GOAL, config)[2].region)
+        assert found == ({OMEGA_L} if rho <= tolerance else {OMEGA_L, OMEGA_G} if rho <= radius else {OMEGA_G})
 
 
 @pytest.mark.parametrize(
@@ -85,12 +132,21 @@ def test_a_base_that_does_not_obey_at_once_needs_a_contract_and_is_certified_by_
     with pytest.raises(InvalidValueError, match=r"eps_omega = 0.0: must be above 0 with limits of the acceleration"):
         requesting(config, Plan(Contract(eps_v=0.01)))
     law = requesting(config, Plan(Contract(eps_v=0.01, eps_omega=0.01)))
-    assert law._replace(profile_gains=CONFIG.profile_gains) == CONFIG
+    assert law.config == CONFIG
     # Turning is planned with 0.65 of the limit, driving with 0.86.
     brakes = {"a_max": (0.43, 7.0), "omega_dot_max": (3.0, 0.975)}.get(field, (3.0, 7.0))
-    assert (law.profile_gains.brake, law.profile_gains.turn_brake) == pytest.approx(brakes)
+    assert (law.gains.brake, law.gains.turn_brake) == pytest.approx(brakes)
 
 
-def test_wheels_that_cannot_turn_the_robot_as_fast_are_refused():
-    with pytest.raises(InvalidValueError, match="omega_max"):
-        requesting(CONFIG._replace(data_sheet=SHEET._replace(wheel_max=5.0)), Plan())
+@pytest.mark.parametrize(
+    ("config", "name"),
+    [
+        (CONFIG._replace(data_sheet=SHEET._replace(wheel_max=5.0)), "omega_max"),
+        (CONFIG._replace(data_sheet=SHEET._replace(v_max=math.inf)), "v_max"),
+        (CONFIG._replace(allow_backward=False), "allow_backward"),
+        (CONFIG._replace(symmetric_yaw_tolerance=True), "symmetric_yaw_tolerance"),
+    ],
+)
+def test_a_law_that_is_not_covered_is_refused_by_the_name_of_its_parameter(config, name):
+    with pytest.raises(InvalidValueError, match=name):
+        requesting(config, Plan())

@@ -4,8 +4,7 @@ import json
 
 import pytest
 
-from diffbot_lab.stability import certificates
-from diffbot_lab.stability.adversary import command as adversary
+from diffbot_lab.stability import adversary, certificates
 from diffbot_lab.stability.file import load_certificate
 from diffbot_lab.stability.plan import Contract
 from diffbot_tools import cli
@@ -41,7 +40,6 @@ def test_a_certificate_is_made_verified_and_attacked(tmp_path, capsys, monkeypat
     assert found["observed"]["left_core"] == 0
     ratio = certificate.claims.radius / found["adversary"]["distance"]
     assert found["certified_over_adversary"] == ratio > 1.0
-    assert (out / "adversary.png").stat().st_size > 10_000
 
     content["claims"]["radius"] = 0.3
     path.write_text(json.dumps(content))
@@ -56,7 +54,7 @@ def test_a_certificate_is_made_verified_and_attacked(tmp_path, capsys, monkeypat
         (["certify", "--period", "0"], 2, "argument --period: 0: must be from"),
         (["certify", "--set", "drive_noise=0.1"], 1, "drive_noise = 0.1"),
         (["certify", "--set", "command_latency=0.1"], 1, "eps_v = 0.0: must be above 0 with"),
-        (["certify", "--sigma-slope", "0.5"], 1, "position_slope + 3.11 * sigma_slope = 1.556: must be below 1"),
+        (["certify", "--sigma-slope", "0.5"], 1, "position_slope + 3 * sigma_slope = 1.5: must be below 1"),
         (["verify", "absent.json"], 1, "cannot read absent.json"),
     ],
 )

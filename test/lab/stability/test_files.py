@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from diffbot_core.errors import DiffbotError
-from diffbot_lab.stability.file import load_certificate, save_certificate
-from diffbot_lab.stability.result_file import pack, unpack
+from diffbot_lab.stability.file import load_certificate, pack, save_certificate, unpack
 
 
 @pytest.fixture
@@ -33,10 +32,10 @@ def with_first(values, value):
 
 
 HOSTILE = [
-    ({"format": "diffbot stability tuned 3"}, "is no file of the format 'diffbot stability 4'"),
+    ({"format": "diffbot stability tuned 3"}, "is no file of the format 'diffbot stability 5'"),
     ({"plan.to": 1e9}, "to = 1000000000.0: must be from 0.1 to 1000"),
     ({"controller.command_latency": 0.1}, "eps_v = 0.0: must be above 0 with"),
-    ({"controller": {"speed_profile": "braking"}}, "controller: without allow_backward, "),
+    ({"controller": {"allow_backward": True}}, "controller: without "),
     ({"plan.contract": {"sigma_max": 0.02}}, "plan.contract: must have eps_position, eps_theta, "),
     ({"rho": 3}, "rho: must be a list of 2 to 20001 edges"),
     ({"rho": lambda values: with_first(values, math.nan)}, "rho = nan: must be from 1e-06 to 10000"),

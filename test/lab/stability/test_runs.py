@@ -1,50 +1,84 @@
-"""The library's own step from drawn memories against a certificate, and what its statement leaves out."""
+"""The library's own step from drawn memories against a certificate."""
 
 import math
 
 import numpy as np
+import pytest
+from noise_rows import noise_row
+from tuned_steps import CONFIG, SHEET
 
-from diffbot_control.law.configuration import ControllerConfig, new_memory
-from diffbot_control.law.finish import V_LEG, Finish
-from diffbot_control.law.regions import OMEGA_G, OMEGA_L, Switching
+from diffbot_control.law.law import CONTACT_UNKNOWN, Observation
+from diffbot_control.law.regions import OMEGA_G, OMEGA_L, REST
+from diffbot_control.law.steering import BACK, FRONT
+from diffbot_control.law.switching import new_memory, step
 from diffbot_core.geometry import Pose
-from diffbot_lab.stability.plan import Contract
-from diffbot_lab.stability.runs import ContractLoop, memory_at, next_pose, sample
+from diffbot_core.uncertainty import Estimate, Uncertainty
+from diffbot_lab.stability.plan import Contract, Plan, request, requesting
+from diffbot_lab.stability.runs import ContractLoop, drawn_memory, loop_of, next_pose, sample
+from diffbot_sim.config import PlantConfig
+from diffbot_sim.plant import new_plant, plant_step
 
-LOOP = ContractLoop(ControllerConfig(), Contract(), 0.1)
-CERTIFIED = 0.57
-"""[m] r* of the default law under the default contract"""
-
-
-def test_a_leg_that_was_begun_before_the_contract_held_leaves_the_certified_core():
-    """So the statement is about states without one: the estimate is exact here, in every step."""
-    leg = Finish(V_LEG, -1.0, 1.0, 2, 0.0)
-    pose = Pose(0.0, 0.1, 0.0)
-    memory = new_memory()._replace(switching=Switching(OMEGA_L, 1, 0), finish=leg)
-    farthest = 0.0
-    for _ in range(100):
-        pose, memory = next_pose(LOOP, pose, memory, 0.01, (0.0,) * 8)
-        farthest = max(farthest, math.hypot(pose.x, pose.y))
-    assert farthest > 1.5 * CERTIFIED
+LOOP = ContractLoop(requesting(CONFIG, Plan()), Contract(), 0.1)
+GOAL = Pose(0.0, 0.0, 0.0)
 
 
-def test_random_steps_from_drawn_memories_keep_to_the_ranks_and_find_wrong_ones(certificate):
-    found = sample(certificate, 40_000, 5)
+def test_a_step_is_that_of_the_controller_and_the_plant():
+    rng = np.random.default_rng(1)
+    pose, memory, expected_memory, regions = Pose(-0.7, 0.3, 0.4), new_memory(), new_memory(), set()
+    state = new_plant(pose)
+    for _ in range(120):
+        x, y = 0.7 * rng.uniform(-1.0, 1.0, 2)
+        theta, left, right = rng.uniform(-1.0, 1.0, 3)
+        seen = Pose(pose.x + 0.06 * x, pose.y + 0.06 * y, pose.theta + 0.03 * theta)
+        observation = Observation(Estimate(seen, Uncertainty(0.02, 0.01)), 0.1, 0.1, CONTACT_UNKNOWN)
+        expected_memory, command, report = step(expected_memory, observation, GOAL, CONFIG)
+        state = plant_step(state, command, noise_row(left, right), PlantConfig())
+        pose, memory, rho = next_pose(LOOP, pose, memory, 0.02, (x, y, theta, left, right, 0.0, 0.0, 0.0))
+        assert pose == pytest.approx(state.pose, abs=1e-12)
+        assert memory == expected_memory
+        assert rho == report.rho
+        regions.add(memory.switching.region)
+    assert regions == {OMEGA_G, OMEGA_L}
+
+
+def test_a_request_is_the_command_of_a_base_without_limits_that_has_the_gains_of_the_limited_one():
+    """As if the command before had been the request: then a limit of the acceleration changes nothing."""
+    limited = CONFIG._replace(data_sheet=SHEET._replace(a_max=0.5, omega_dot_max=1.5))
+    law, rng = requesting(limited, Plan(Contract(eps_v=0.02, eps_omega=0.1))), np.random.default_rng(4)
+    for _ in range(300):
+        rho, angle, theta = rng.uniform(0.0, 1.0) ** 2, *rng.uniform(-math.pi, math.pi, 2)
+        seen = Estimate(Pose(rho * math.cos(angle), rho * math.sin(angle), theta), Uncertainty(0.05, 0.01))
+        memory = drawn_memory(ContractLoop(law, Contract(), 0.1), rng)
+        observation = Observation(seen, 0.1, 0.1, CONTACT_UNKNOWN)
+        requested = request(law, step(memory, observation, GOAL, limited)[0], seen)
+        repeated = step(memory._replace(command=requested), observation, GOAL, limited)
+        if repeated[0].switching.region == step(memory, observation, GOAL, limited)[0].switching.region:
+            assert repeated[1] == pytest.approx(requested, abs=1e-12)
+
+
+def test_the_position_error_never_exceeds_the_contract():
+    """The law goes where it sees the goal: an error of three bounds moves the robot as one of one bound does."""
+    one, half, three = (
+        next_pose(LOOP, Pose(-0.5, 0.0, 0.0), new_memory(), 0.02, (x, *[0.0] * 7))[0] for x in (1.0, 0.5, 3.0)
+    )
+    assert three == pytest.approx(one, abs=1e-12)
+    assert one.x < half.x
+
+
+def test_random_steps_from_drawn_memories_keep_to_the_ranks_depart_and_find_wrong_ones(certificate):
+    found = sample(certificate, 200_000, 5)
     assert (found.left_core, found.broken) == (0, 0)
-    assert found.steps > 30_000
-    assert found.from_core > 10_000
+    assert found.steps > 150_000
+    assert found.from_core > 50_000
+    assert found.departures > 10
     short = np.where(certificate.ranks > 3, 3, certificate.ranks).astype(np.int16)
     assert sample(certificate._replace(ranks=short), 40_000, 5).broken > 0
 
 
-def test_memories_are_drawn_in_all_states_of_the_law_but_legs_only_where_they_begin():
+def test_memories_are_drawn_in_all_states_of_the_law(certificate):
     rng = np.random.default_rng(1)
-    near = [memory_at(LOOP, 0.05, 0.1, 0.25, rng) for _ in range(300)]
-    far = [memory_at(LOOP, 0.4, 0.1, 0.25, rng) for _ in range(300)]
-    assert {one.switching.region for one in near} == {one.switching.region for one in far} == {OMEGA_G, OMEGA_L}
-    assert {one.finish.kind for one in near} == {0, 1, 2}
-    assert {one.finish.kind for one in far} == {0}
-    assert {one.switching.steps_outside for one in far} == {0, 1, 2}
-    assert max(one.finish.reach for one in near) <= 0.25
-    assert {one.course.leading for one in near} == {-1, 1}
-    assert {one.reached for one in near} == {False, True}
+    drawn = [drawn_memory(loop_of(certificate), rng) for _ in range(300)]
+    assert {one.switching.region for one in drawn} == {OMEGA_G, OMEGA_L}
+    assert {one.course.leading for one in drawn} == {FRONT, BACK}
+    assert {one.reached for one in drawn} == {False, True}
+    assert max(one.switching.rest for one in drawn) > 1.5 * REST

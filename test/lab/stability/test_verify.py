@@ -3,19 +3,16 @@
 import numpy as np
 import pytest
 
-from diffbot_control.law.configuration import ControllerConfig
+from diffbot_control.law.configuration import SwitchingConfig
 from diffbot_core.errors import DiffbotError
-from diffbot_lab.stability.check import verify as checker
-from diffbot_lab.stability.check.cells import cells_of, failing_kernel
-from diffbot_lab.stability.check.commands import numbers_of
-from diffbot_lab.stability.check.verify import verify
+from diffbot_lab.stability import checker, maker
+from diffbot_lab.stability.checker import cells_of, failing_kernel, verify
+from diffbot_lab.stability.checker_bounds import numbers_of
 from diffbot_lab.stability.file import first_cells
-from diffbot_lab.stability.maker import certify as maker
-from diffbot_lab.stability.maker.certify import tuned_loop
-from diffbot_lab.stability.plan import Contract, Plan
+from diffbot_lab.stability.plan import Contract, requesting
 from diffbot_lab.stability.runs import drive
 
-CONFIG = ControllerConfig()
+CONFIG = SwitchingConfig()
 CELL = "not verified: the cell rho"
 
 
@@ -25,16 +22,15 @@ def test_a_certificate_is_verified(certificate):
 
 def remade(monkeypatch, certificate, name, change):
     """Make the certificate with a maker one function of which is changed."""
-    usual, near = getattr(maker, name), maker.near_bounds(tuned_loop(CONFIG, Plan()), CONFIG, Contract().sigma_max)
-    monkeypatch.setattr(maker, "near_bounds", lambda *_: near)
+    usual = getattr(maker, name)
     monkeypatch.setattr(maker, name, lambda *arguments: change(usual(*arguments)))
     return maker.certify(CONFIG, certificate.plan)
 
 
-@pytest.mark.parametrize("change", [{"bearing_weight": -0.8}, {"wheel_error": 0.045}])
+@pytest.mark.parametrize("change", [{"weight": -0.8}, {"noise": 0.02}, {"turn_react": 0.4}])
 def test_a_wrong_sign_and_forgotten_noise_in_the_makers_law_are_found(monkeypatch, certificate, change):
-    wrong = remade(monkeypatch, certificate, "tuned_loop", lambda loop: loop._replace(**change))
-    with pytest.raises(DiffbotError, match=CELL):
+    wrong = remade(monkeypatch, certificate, "maker_loop", lambda loop: loop._replace(**change))
+    with pytest.raises(DiffbotError, match="not verified"):
         verify(wrong, threads=1)
 
 
@@ -65,7 +61,8 @@ def claiming(certificate, **changes):
 
 def test_ranks_that_are_one_too_small_are_found(certificate):
     """Nearly all: a few are larger than they have to be, as the maker's images are wider here and there."""
-    loop, first = numbers_of(CONFIG, certificate.plan), first_cells(certificate.alphas, certificate.betas)
+    loop = numbers_of(requesting(CONFIG, certificate.plan), certificate.plan)
+    first = first_cells(certificate.alphas, certificate.betas)
     found = 0
     for at in np.random.default_rng(1).choice(np.flatnonzero(certificate.ranks > 1), 40, replace=False):
         row = int(np.searchsorted(first, at, side="right")) - 1
@@ -94,7 +91,7 @@ def test_a_cell_that_is_left_out_is_found(certificate, rank):
 @pytest.mark.parametrize("claim", ["radius", "start", "steps", "seed"])
 def test_claims_that_are_too_good_are_found(certificate, claim):
     claims = certificate.claims
-    better = {"radius": claims.radius - 1e-6, "start": certificate.rho[-1], "steps": claims.steps - 1, "seed": 0.2}
+    better = {"radius": claims.radius - 1e-6, "start": certificate.rho[-1], "steps": claims.steps - 1, "seed": 0.15}
     with pytest.raises(DiffbotError, match=rf"claims\.{claim} = "):
         verify(claiming(certificate, **{claim: better[claim]}))
 
@@ -123,12 +120,15 @@ def test_edges_that_begin_too_near_or_too_far_are_found(certificate):
 
 
 def test_a_certificate_of_another_law_or_contract_is_found(certificate):
-    weaker = CONFIG._replace(profile_gains=CONFIG.profile_gains._replace(turn_react=0.5))
+    weaker = CONFIG._replace(data_sheet=CONFIG.data_sheet._replace(omega_max=1.5))
     with pytest.raises(DiffbotError, match=CELL):
         verify(certificate._replace(config=weaker))
     contract = certificate.plan.contract._replace(eps_position=0.062)
     with pytest.raises(DiffbotError, match="not verified"):
         verify(certificate._replace(plan=certificate.plan._replace(contract=contract)))
+    wide = CONFIG._replace(tolerance=CONFIG.tolerance._replace(xy_goal_tolerance=1.2))
+    with pytest.raises(DiffbotError, match=r"claims\.seed = 1\.3 m, Omega_L may lead to"):
+        verify(certificate._replace(config=wide))
 
 
 def test_bounds_that_grow_with_the_distance_are_checked_at_each_distance(plan, certificate):
@@ -148,9 +148,3 @@ def test_a_checker_with_a_mistake_refuses_a_valid_certificate(monkeypatch, certi
     monkeypatch.setattr(checker, "numbers_of", lambda *arguments: usual(*arguments)._replace(**change))
     with pytest.raises(DiffbotError, match="not verified"):
         verify(certificate, threads=1)
-
-
-def test_a_leg_of_the_finish_that_is_faster_is_found(certificate):
-    faster = CONFIG._replace(finish=CONFIG.finish._replace(finish_speed=2.0))
-    with pytest.raises(DiffbotError, match=r"claims\.seed = 1\.3 m, Omega_L may lead to"):
-        verify(certificate._replace(config=faster))

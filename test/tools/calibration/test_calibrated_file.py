@@ -5,14 +5,14 @@ import difflib
 import pytest
 
 from diffbot_control.ros.parameters.controller import ControllerNodeConfig
-from diffbot_core.parameter_files import read_sections
 from diffbot_core.schema import build
-from diffbot_tools.bringup.data_sheet import check_data_sheet
+from diffbot_core.yaml_files import read_sections
+from diffbot_tools.bringup import check_data_sheet
 from diffbot_tools.calibration.calibrated_file import calibrated_file
 from diffbot_tools.calibration.latency import Latency
 from diffbot_tools.calibration.parameters import Outcome, Row
-from diffbot_tools.refilter.parameters import read_config, values_of
-from diffbot_tools.robot.description import PRESETS, file_of_robot
+from diffbot_tools.parameter_file import read_config, values_of
+from diffbot_tools.robot_description import PRESETS, file_of_robot
 
 FOUND = Outcome(
     {
@@ -57,7 +57,7 @@ FILES = {
 def written(path, text, outcome=FOUND, latency=LATENCY, head=HEAD):
     """Write ``text``, calibrate, and return the new text, which is also in ``path`` then."""
     path.write_text(text)
-    config, _ = read_config(path)
+    config = read_config(path)
     path.write_text(calibrated_file(path, config, outcome, latency, head))
     return path.read_text()
 

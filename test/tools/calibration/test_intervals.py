@@ -1,41 +1,51 @@
-"""The intervals that a calibration states hold the true numbers."""
+"""The 95 % intervals that a calibration states contain the true values, for each quantity."""
 
 import math
+from collections import defaultdict
 
 import numpy as np
 import pytest
-from calibration_drives import Errors, events_of, record
+from calibration_drives import SECOND, Errors, Sensors, events_of, record
 
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
+from diffbot_core.schema import build
 from diffbot_tools.calibration.calibrate import calibrate
 from diffbot_tools.calibration.quantities import CONSTANTS
 
-DRIVES, SECONDS = 4, 100.0
+DRIVES, SECONDS = 20, 100.0
 NOISE, DELAY = 3.0, 0.2
 """Factor on the deviations that the messages claim; [s] by which the odometry is late."""
+SETUPS = (Sensors(), {}), (Sensors(second=5, gyro=True), {"pose_sources": [SECOND], "use_gyro": True})
+"""Sensors and parameters of even and of odd drives."""
 
 
 def deviations_of(seed):
     """Return the error of each number of one drive, over the standard deviation that the calibration states."""
     left, right, separation = np.random.default_rng([seed, 1]).choice((-1.0, 1.0), 3) * (0.03, 0.03, 0.05)
-    events = events_of(record(Errors(left, right, separation, DELAY, NOISE), seed, SECONDS))
-    found = calibrate([events], EkfNodeConfig(), lambda: None)
-    names = [*(one.name for one in found.quantities), *CONSTANTS[:3]]
-    values = [*found.found.values, *found.constants[:3]]
-    variances = [*np.diag(found.found.covariance), *np.diag(found.constants_covariance)[:3]]
-    truth = {"odometry_delay": DELAY, "odometry_covariance_scale": 2.0 * math.log(NOISE)}
-    truth |= dict.fromkeys(("xy_factor", "yaw_factor"), math.log(NOISE))
-    truth |= dict(zip(CONSTANTS[:3], (left, right, separation), strict=True))
-    return [
-        (value - truth[name]) / math.sqrt(variance)
-        for name, value, variance in zip(names, values, variances, strict=True)
-        if name in truth
-    ]
+    sensors, parameters = SETUPS[seed % 2]
+    events = events_of(record(Errors(left, right, separation, DELAY, NOISE), seed, SECONDS, sensors))
+    calibration = calibrate([events], build(EkfNodeConfig, parameters), lambda: None)
+    fit, constants = calibration.found, dict(zip(CONSTANTS, (left, right, separation), strict=False))
+    truth = {one.name: math.log(NOISE) for one in calibration.quantities if one.name.endswith("factor")} | constants
+    truth |= {"odometry_delay": DELAY, "odometry_covariance_scale": 2.0 * math.log(NOISE)}
+    found = zip(
+        [*(one.name for one in calibration.quantities), *CONSTANTS],
+        [*fit.values, *calibration.constants],
+        [*np.diag(fit.covariance), *np.diag(calibration.constants_covariance)],
+        strict=True,
+    )
+    return {name: (value - truth[name]) / math.sqrt(variance) for name, value, variance in found if name in truth}
 
 
-def test_nineteen_of_twenty_intervals_hold_the_true_number():
-    found = np.abs([deviations_of(seed) for seed in range(1, DRIVES + 1)])
-    assert found.shape == (DRIVES, 7)
-    assert (found <= 1.96).mean() >= 0.8
-    # Nor are they so wide that they would hold any number.
-    assert np.sqrt((found**2).mean()) == pytest.approx(1.0, abs=0.3)
+@pytest.mark.slow
+def test_at_least_four_of_five_true_values_are_inside_the_95_percent_intervals():
+    found = defaultdict(list)
+    for seed in range(DRIVES):
+        for name, deviation in deviations_of(seed).items():
+            found[name].append(abs(deviation))
+    inside = {name: np.mean(np.array(values) <= 1.96) for name, values in found.items()}
+    every = np.concatenate(list(found.values()))
+    assert len(inside) == 10
+    assert (every <= 1.96).mean() >= 0.8, inside
+    # Nor are they so wide that they would contain any number.
+    assert 0.5 < np.sqrt((every**2).mean()) < 1.5

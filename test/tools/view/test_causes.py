@@ -6,7 +6,7 @@ import pytest
 from diffbot_control.law.presets import PRESETS
 from diffbot_core.kinematics import WheelGeometry
 from diffbot_tools.view.causes import causes
-from diffbot_tools.view.events import ERROR, WARNING
+from diffbot_tools.view.texts import ERROR, WARNING
 
 TIME = np.linspace(0.0, 20.0, 201)
 
@@ -22,7 +22,7 @@ def drive():
 
 
 def found(curves):
-    return causes(curves, 2.0, 18.0, PRESETS["tuned"], WheelGeometry(0.05, 0.6))
+    return causes(curves, 2.0, 18.0, PRESETS["tuned"].config, WheelGeometry(0.05, 0.6))
 
 
 def test_a_drive_without_a_fault():

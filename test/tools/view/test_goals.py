@@ -1,10 +1,17 @@
 """Which goal each end belongs to: with ids in the status, and in recordings of controllers that do not name them."""
 
+import math
+
 import pytest
 import view_bags
 
-from diffbot_tools.view.events import EventMaker
-from diffbot_tools.view.report import page_data, read_bag_run
+from diffbot_control.goals.record import goal_id
+from diffbot_core.errors import DiffbotError
+from diffbot_core.geometry import Pose
+from diffbot_tools.view.bag_source import read_bag
+from diffbot_tools.view.goal_list import GoalList
+from diffbot_tools.view.report import page_data
+from diffbot_tools.view.results import NEUTRAL, goal_results
 from diffbot_tools.view.texts import Status
 
 BEGIN, SECOND = view_bags.BEGIN, 10**9
@@ -77,7 +84,7 @@ def messages(goals, names_ids, has_elapsed, begin=0.0, before=()):
 
 def rows_of(folder, *arguments, **options):
     view_bags.write(folder / "bag", messages(*arguments, **options))
-    (robot,) = page_data(read_bag_run(folder / "bag"))["robots"]
+    (robot,) = page_data(read_bag(folder / "bag"))["robots"]
     return robot
 
 
@@ -86,18 +93,19 @@ def rows_of(folder, *arguments, **options):
 @pytest.mark.parametrize("goals", ORDERS)
 def test_each_end_is_that_of_its_own_goal(tmp_path, goals, names_ids, has_elapsed):
     robot = rows_of(tmp_path, goals, names_ids, has_elapsed)
-    assert [row["goal"][0] for row in robot["summary"]] == [x for _, _, x, *_ in goals]
-    assert [row["end"] for row in robot["summary"]] == [end and f"{end} [request]" for *_, end, _ in goals]
-    for row, (_, sent, _, _, end, ended) in zip(robot["summary"], goals, strict=True):
+    assert [row["goal"][0] for row in robot["cards"]] == [x for _, _, x, *_ in goals]
+    assert [row["end"] for row in robot["cards"]] == [end for *_, end, _ in goals]
+    for row, (_, sent, _, _, end, ended) in zip(robot["cards"], goals, strict=True):
         # Without a message of its own, a goal was sent when the status first named it.
-        assert row["time"] == pytest.approx(sent, abs=0.01)
-        assert not end or row["verdict"].rstrip(")").endswith(f" {ended - sent:.1f} s")
+        assert row["accepted"] == pytest.approx(sent, abs=0.01)
+        assert not end or row["time"] == pytest.approx(ended - sent, abs=0.01)
+        assert (row["level"] == NEUTRAL) == (end in ("replaced", "cancelled"))
     assert len([one for one in robot["events"] if one[1] == "end"]) == len([one for one in goals if one[-2]])
 
 
 def test_a_recording_that_begins_within_a_goal_knows_its_whole_time(tmp_path):
     robot = rows_of(tmp_path, REPLACED_TWICE, True, True, begin=4.0, before=(("a", "replaced"), ("b", "replaced")))
-    (row,) = robot["summary"]
+    (row,) = robot["cards"]
     assert (row["goal"][0], row["verdict"]) == (3.0, "Reached in 2.8 s")
     assert [one[3] for one in robot["events"] if one[1] in ("goal", "end")] == [
         "goal 1: x 3.00 m, y 0.00 m, 0 deg",
@@ -110,15 +118,37 @@ def test_a_goal_that_the_controller_never_accepted_has_no_answer_and_takes_none(
     extra = [("/goal_pose", BEGIN + int(2.9 * SECOND), view_bags.goal(0, 9.0, 0.0, 0.0))]
     found = sorted([*messages(REPLACED_TWICE, True, True), *extra], key=lambda one: one[1])
     view_bags.write(path, found)
-    (robot,) = page_data(read_bag_run(path))["robots"]
-    ends = ["replaced [request]", "", "replaced [request]", "reached [request]"]
-    assert [row["end"] for row in robot["summary"]] == ends
+    (robot,) = page_data(read_bag(path))["robots"]
+    ends = ["replaced", "", "replaced", "reached"]
+    assert [row["end"] for row in robot["cards"]] == ends
 
 
 def test_a_live_page_lists_no_goal_that_ended_before_it_was_opened():
-    maker = EventMaker(names_goals=True)
-    earlier = Status(0, "a" * 32, "reached", {})
-    assert maker.of_results(0.0, [earlier]) == []
-    maker.of_status(1.0, "controller", Status(0, "controller", "driving", {"goal": "1 0 0", "goal id": "b" * 32}))
-    (end,) = maker.of_results(2.0, [earlier, Status(0, "b" * 32, "cancelled", {"elapsed time [s]": "1.500"})])
-    assert (end.row, end.goal, end.elapsed) == ((2.0, "end", 0, "goal cancelled"), "b" * 32, 1.5)
+    goals, earlier = GoalList(), Status(0, "a" * 32, "reached", {})
+    assert goals.take_results(0.0, [earlier]) == []
+    goals.take_status(1.0, Status(0, "controller", "driving", {"goal": "1 0 0", "goal id": "b" * 32}))
+    (end,) = goals.take_results(2.0, [earlier, Status(0, "b" * 32, "cancelled", {"elapsed time [s]": "1.500"})])
+    assert (end.end, end.id, end.ended, end.elapsed) == ("cancelled", "b" * 32, 2.0, 1.5)
+
+
+def test_figures_of_a_goal_are_those_of_its_drive_until_the_answer(circle):
+    """The robot drives on a circle of 1 m at 0.5 m/s: half a revolution per pi / 0.5 s."""
+    first, second = goal_results(circle)
+    _, x, y, yaw = view_bags.at(249)
+    assert (first.end, first.is_true, first.time) == ("reached", True, pytest.approx(5.0, abs=0.01))
+    assert first.position_error == pytest.approx(math.hypot(x - 1.0, y - 0.5), abs=0.01)
+    assert first.heading_error == pytest.approx(abs(math.remainder(yaw - 0.25, 2 * math.pi)), abs=0.01)
+    assert first.path_length == pytest.approx(2.5, abs=0.03)
+    assert first.revolutions == pytest.approx(2.5 / (2 * math.pi), abs=0.01)
+    assert (second.end, second.reason) == ("not reached", view_bags.HOSTILE)
+    with pytest.raises(DiffbotError, match="no robot 'robot7'"):
+        goal_results(circle, "/robot7")
+
+
+@pytest.mark.parametrize("is_same", [True, False])
+def test_a_message_of_goal_pose_that_is_received_late_belongs_to_the_goal_with_its_id(is_same):
+    goals, stamp = GoalList(), 1_700_000_000_123_456_789
+    values = {"goal": "1 0 0", "goal id": goal_id("map", stamp)}
+    goals.take_status(1.0, Status(0, "controller", "driving", values))
+    goals.take_request(60.0, "map" if is_same else "odom", stamp, Pose(1.0, 0.0, 0.0))
+    assert len(goals.goals) == (1 if is_same else 2)

@@ -7,11 +7,8 @@ import pytest
 import view_bags
 
 from diffbot_core.geometry import Pose, into_frame
-from diffbot_core.uncertainty import Uncertainty
-from diffbot_tools.view.landmarks import read_cloud
-from diffbot_tools.view.live_dock import DockPlacer
-from diffbot_tools.view.live_landmarks import LandmarkPlacer
-from diffbot_tools.view.report import read_bag_run
+from diffbot_tools.view.bag_source import read_bag
+from diffbot_tools.view.model import PageClock, RobotModel
 from diffbot_tools.view.report_command import write_report
 
 BEGIN = view_bags.BEGIN
@@ -59,7 +56,7 @@ def bag(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def run(bag):
-    return read_bag_run(bag)
+    return read_bag(bag)
 
 
 @pytest.fixture(scope="module")
@@ -70,14 +67,14 @@ def page(bag, new_page, tmp_path_factory):
 
 
 def test_landmarks_are_placed_by_the_estimate_of_their_own_time_and_shown_while_they_are_measured(run):
-    tree, post = run.robots[0].landmarks
-    assert (tree.number, post.number) == (7, 40)
+    tree, post = run.robots[0].landmarks()
+    assert (tree[0], post[0]) == (7, 40)
     # 7 ms are 3.5 mm of the path; between two estimates the circle is taken as straight.
-    assert (tree.x, tree.y) == pytest.approx(TREE, abs=1e-4)
-    assert (post.x, post.y) == pytest.approx(POST, abs=1e-4)
+    assert tree[1:3] == pytest.approx(TREE, abs=1e-4)
+    assert post[1:3] == pytest.approx(POST, abs=1e-4)
     # In view until two periods after the last measurement.
-    assert tree.in_view == pytest.approx([0.007, 9.407 + 0.4], abs=1e-3)
-    assert post.in_view == pytest.approx([0.007, 1.807 + 0.4, 6.007, 9.407 + 0.4], abs=1e-3)
+    assert tree[3] == pytest.approx([0.007, 9.407 + 0.4], abs=1e-3)
+    assert post[3] == pytest.approx([0.007, 1.807 + 0.4, 6.007, 9.407 + 0.4], abs=1e-3)
 
 
 def test_the_path_holds_until_the_controller_leaves_it(run):
@@ -85,7 +82,7 @@ def test_the_path_holds_until_the_controller_leaves_it(run):
     assert plan["t"].tolist() == pytest.approx([1.0, 1.0, 1.0, 4.0])
     assert np.column_stack((plan["x"], plan["y"]))[:3].tolist() == [list(corner) for corner in CORNERS]
     assert math.isnan(plan["x"][3])
-    assert run.tables.malformed == 3, "clouds and paths that cannot be used"
+    assert run.malformed == 3, "clouds and paths that cannot be used"
 
 
 def drawn(page, time, colour):
@@ -112,37 +109,77 @@ def test_the_page_draws_the_path_while_it_holds_and_the_landmarks_in_view(page):
     assert page.errors == []
 
 
-def test_a_live_cloud_waits_for_the_estimate_of_its_time():
-    placer = LandmarkPlacer()
-    placer.add_pose(BEGIN, Pose(0.0, 0.0, 3.0))
+class FoundByModel:
+    """A sink that keeps the newest values and all rows."""
+
+    def __init__(self):
+        self.values, self.rows = {}, {}
+
+    def row(self, curve, values):
+        self.rows.setdefault(curve, []).append(values)
+
+    def events(self, events):
+        pass
+
+    def put(self, name, value):
+        self.values[name] = value
+
+
+@pytest.fixture
+def live():
+    """A model without a bag, and what it finds."""
+    kept = FoundByModel()
+    return RobotModel(PageClock(BEGIN), kept, roles=["estimate"]), kept
+
+
+def content(message):
+    return message[1]
+
+
+def test_a_cloud_waits_for_the_estimate_of_its_time(live):
+    model, kept = live
+    model.add("estimate", content(view_bags.estimate(BEGIN, 0.0, 0.0, 3.0)))
     cloud = view_bags.cloud(BEGIN + 50_000_000, (4, 1.0, 0.0), (5, 1.0, 2.0, math.inf))
-    placer.add_cloud(read_cloud(view_bags.data_of(cloud)))
-    assert placer.newest() is None
+    model.add("landmarks", content(cloud))
+    assert "landmarks" not in kept.values
     # The heading passes pi: halfway it is 3.1, not 0.
-    placer.add_pose(BEGIN + 100_000_000, Pose(2.0, 0.0, 3.2 - 2.0 * math.pi))
-    stamp, found = placer.newest()
-    assert stamp == BEGIN + 50_000_000
+    model.add("estimate", content(view_bags.estimate(BEGIN + 100_000_000, 2.0, 0.0, 3.2 - 2.0 * math.pi)))
+    time, found = kept.values["landmarks"]
+    assert time == pytest.approx(0.05)
     assert found == [pytest.approx([1.0 + math.cos(3.1), math.sin(3.1), 4])]
-    assert placer.newest() is None
 
 
-CERTAIN = Uncertainty(0.01, 0.01)
-DOCK = Pose(3.0, 1.0, 0.5)
+def test_dock_and_detections_are_placed_by_the_estimates_of_their_own_time(live):
+    model, kept = live
+    dock, first, second = Pose(3.0, 1.0, 0.5), Pose(1.0, 0.0, 0.3), Pose(2.0, 0.5, -0.2)
 
+    def detect(time, *pose):
+        message = content(view_bags.goal(time, *pose))
+        message.header.frame_id = "base_link"
+        model.add("detections", message)
 
-def test_dock_and_detections_are_placed_by_the_estimates_of_their_own_time():
-    placer = DockPlacer()
-    first, second = Pose(1.0, 0.0, 0.3), Pose(2.0, 0.5, -0.2)
-    placer.add_pose(BEGIN, first)
-    assert placer.newest() is None
+    model.add("estimate", content(view_bags.estimate(BEGIN, *first)))
     # Of a time without an estimate in map yet: both wait, and are not placed by the old one.
-    placer.add_dock_pose(BEGIN + 10**8, into_frame(second, DOCK), CERTAIN)
-    placer.add_detection(BEGIN, into_frame(DOCK, first))
-    placer.add_detection(BEGIN + 10**8, into_frame(Pose(3.02, 0.97, 0.5), second))
-    found = placer.newest()
-    assert found["pose"] is None
-    assert found["detections"] == [pytest.approx([3.0, 1.0])]
-    placer.add_pose(BEGIN + 10**8, second)
-    found = placer.newest()
+    model.add("dock_pose", content(view_bags.estimate(BEGIN + 10**8, *into_frame(second, dock), sigma=0.01)))
+    detect(BEGIN, *into_frame(dock, first))
+    detect(BEGIN + 10**8, *into_frame(Pose(3.02, 0.97, 0.5), second))
+    assert kept.values["dock"]["pose"] is None
+    assert kept.values["dock"]["detections"] == [pytest.approx([3.0, 1.0])]
+    model.add("estimate", content(view_bags.estimate(BEGIN + 10**8, *second)))
+    found = kept.values["dock"]
     assert found["pose"] == pytest.approx([3.0, 1.0, 0.5])
     assert found["detections"] == [pytest.approx([3.0, 1.0]), pytest.approx([3.02, 0.97])]
+
+
+@pytest.mark.parametrize("has_truth", [True, False])
+def test_odometry_begins_at_the_truth_where_there_is_one_whichever_comes_first(has_truth):
+    kept = FoundByModel()
+    model = RobotModel(PageClock(BEGIN), kept, roles=["estimate", *(["truth"] if has_truth else [])])
+    for step in range(4):
+        time = BEGIN + step * 20_000_000
+        model.add("odometry", content(view_bags.odometry(time, 0.1 * step, 0.0, 0.0)))
+        model.add("estimate", content(view_bags.estimate(time, 5.5 + 0.1 * step, 3.0, 0.0)))
+        if has_truth:
+            model.add("truth", content(view_bags.odometry(time, 5.0 + 0.1 * step, 3.0, 0.0)))
+    begin = 5.0 if has_truth else 5.5
+    assert [row[1] for row in kept.rows["odometry"]] == pytest.approx([begin + 0.1 * step for step in range(4)])

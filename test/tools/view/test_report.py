@@ -7,20 +7,23 @@ import numpy as np
 import pytest
 import view_bags
 from evo.tools import file_interface
+from hypothesis import given
+from hypothesis import strategies as st
 
-from diffbot_bag.bag.new_bag import new_bag
+from diffbot_bag.writer import new_bag
 from diffbot_core.errors import DiffbotError
-from diffbot_tools.view.exports import export
+from diffbot_tools.view.bag_source import read_bag
+from diffbot_tools.view.columns import kept_rows
 from diffbot_tools.view.page_file import embedded_json
-from diffbot_tools.view.report import page_data, read_bag_run
-from diffbot_tools.view.report_command import ReportOptions, run
+from diffbot_tools.view.report import export, page_data
+from diffbot_tools.view.report_command import run
 
 BEGIN, DELAY = view_bags.BEGIN, view_bags.DELAY
 
 
 @pytest.fixture(scope="module")
 def run_of_circle(circle):
-    return read_bag_run(circle)
+    return read_bag(circle)
 
 
 def bag(folder, messages):
@@ -28,7 +31,7 @@ def bag(folder, messages):
 
 
 def only_robot(path):
-    (robot,) = read_bag_run(path).robots
+    (robot,) = read_bag(path).robots
     return robot
 
 
@@ -46,12 +49,12 @@ def test_errors_and_nees_are_those_that_were_put_in_and_odometry_begins_at_the_t
 
 
 def test_events_in_the_order_of_time(run_of_circle):
-    events = run_of_circle.robots[0].events
+    events = run_of_circle.robots[0].all_events
     assert [event.time for event in events] == sorted(event.time for event in events)
     found = {(event.kind, event.text): event for event in events}
     times = {
         ("goal", "goal 1: x 1.00 m, y 0.50 m, 14 deg"): DELAY * 1e-9,
-        ("goal", "goal 2: x 2.00 m, y 0.50 m, 14 deg"): 5.0,
+        ("goal", "goal 2: x 2.00 m, y 0.50 m, 14 deg"): 5.0 + DELAY * 1e-9,
         ("switch", "region Omega_L"): 5.0,
         ("switch", "region Omega_G"): 499 / 50,
     }
@@ -83,7 +86,7 @@ def test_a_corrected_goal_has_its_last_pose_and_is_none_of_its_own(tmp_path):
             yield "/odom", time, view_bags.odometry(time, 0.0, 0.0, 0.0)
             yield "/controller/status", time, view_bags.status("/controller", "driving", **values)
 
-    found = [(goal.time, tuple(goal.pose)) for goal in only_robot(bag(tmp_path, messages())).goals]
+    found = [(goal.time, tuple(goal.pose)) for goal in only_robot(bag(tmp_path, messages())).model.goals.goals]
     assert found == [(0.0, (1.9, 2.9, 0.4)), (4.0, (-3.0, 0.0, 0.0))]
 
 
@@ -104,11 +107,11 @@ def test_only_transforms(tmp_path):
 
 def test_two_robots(tmp_path):
     streams = [view_bags.drive(40, namespace=f"/robot{number}") for number in (1, 2)]
-    found = read_bag_run(bag(tmp_path, (message for pair in zip(*streams, strict=True) for message in pair)))
+    found = read_bag(bag(tmp_path, (message for pair in zip(*streams, strict=True) for message in pair)))
     assert [robot.name for robot in found.robots] == ["robot1", "robot2"]
     for robot in found.robots:
         assert len(robot.curves["error"]["t"]) == 40
-        assert len(robot.goals) == 2
+        assert len(robot.outcomes) == 2
 
 
 def test_what_cannot_be_reported_is_one_line(circle, tmp_path):
@@ -118,7 +121,7 @@ def test_what_cannot_be_reported_is_one_line(circle, tmp_path):
         (circle, tmp_path / "a.txt", "must end with .html"),
     ):
         with pytest.raises(DiffbotError, match=words) as error:
-            run(ReportOptions(path, out, "tuned"))
+            run([path], out, "tuned")
         assert "\n" not in str(error.value)
     assert list(tmp_path.iterdir()) == [no_pose]
 
@@ -136,12 +139,12 @@ def bag_with_parameters(folder, noted):
 def test_tolerances_and_limits_are_those_that_the_recorder_noted(tmp_path):
     noted = {"xy_goal_tolerance": 0.25, "linear.x.max_velocity": 0.4, "angular.z.max_velocity": "inf", "autostart": 1}
     bag_with_parameters(tmp_path / "bag", noted)
-    (robot,) = page_data(read_bag_run(tmp_path / "bag"))["robots"]
+    (robot,) = page_data(read_bag(tmp_path / "bag"))["robots"]
     assert robot["constants"]["xy_tolerance"] == 0.25
     assert robot["constants"]["limits"] == {"v": 0.4, "omega": None}
     bag_with_parameters(tmp_path / "bad", {"xy_goal_tolerance": "wide"})
     with pytest.raises(DiffbotError, match="xy_goal_tolerance = 'wide'"):
-        read_bag_run(tmp_path / "bad")
+        read_bag(tmp_path / "bad")
 
 
 def test_files_beside_the_report(circle, run_of_circle, tmp_path):
@@ -158,8 +161,31 @@ def test_files_beside_the_report(circle, run_of_circle, tmp_path):
     assert table["law.rho"][250] == pytest.approx(1.5)
 
 
+def test_two_robots_whose_files_would_have_one_name_leave_the_files_as_they_are(tmp_path):
+    streams = [view_bags.drive(10, namespace=namespace) for namespace in ("/a-b", "/a_b")]
+    found = read_bag(bag(tmp_path, (message for pair in zip(*streams, strict=True) for message in pair)))
+    (tmp_path / "run_a_b.csv").write_text("mine")
+    with pytest.raises(DiffbotError, match="one file name"):
+        export(found, tmp_path / "run.html", csv=True, tum=True)
+    assert (tmp_path / "run_a_b.csv").read_text() == "mine"
+
+
 def test_nothing_in_the_data_can_end_its_element():
     text = embedded_json({"a": view_bags.HOSTILE, "b": "<!--"})
     assert "<" not in text
     assert text.isascii()
     assert json.loads(text)["a"] == view_bags.HOSTILE
+
+
+@given(st.integers(0, 2**32), st.integers(100, 5000), st.floats(0.0, 0.9))
+def test_thinning_keeps_the_peaks_of_every_column_whatever_is_missing(seed, n, missing):
+    rng = np.random.default_rng(seed)
+    columns = np.where(rng.random((n, 3)) < missing, np.nan, rng.normal(size=(n, 3)))
+    places = rng.choice(n, 6, replace=False)
+    for index, place in enumerate(places):
+        columns[place, index % 3] = 100.0 * (-1) ** (index // 3)
+    kept = kept_rows(columns, 90)
+    assert len(kept) <= 90
+    assert set(places) <= set(kept.tolist())
+    assert (kept[0], kept[-1]) == (0, n - 1)
+    assert np.all(np.diff(kept) > 0)

@@ -6,8 +6,8 @@ import sys
 import graph
 import pytest
 
-from diffbot_bag.bag.reader import BagReader
-from diffbot_tools.watch.recording import RECORDER, Recording
+from diffbot_bag.bag import BagReader
+from diffbot_tools.watch.recording import RECORDER, PageRecording
 
 FAKE = """
 import json, pathlib, signal, sys, time
@@ -27,7 +27,7 @@ def folder(tmp_path):
 class Button:
     def __init__(self, folder, command):
         self._answers = queue.Queue()
-        self.recording = Recording(folder, lambda: None, command)
+        self.recording = PageRecording(folder, lambda: None, command)
 
     def press(self, is_on):
         self.recording.add(is_on, lambda *answer: self._answers.put(answer))

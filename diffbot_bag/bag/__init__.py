@@ -1,1 +1,0 @@
-"""A bag of rosbag2: its files, metadata, message definitions and quality of service."""

@@ -1,0 +1,74 @@
+"""Write a new bag of parts of other bags: a span of time, some topics, several bags joined."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from diffbot_bag.bag import PARAMETERS, MergedBags
+from diffbot_bag.metadata import BagMetadata, Topic
+from diffbot_bag.metadata import read as read_metadata
+from diffbot_bag.writer import new_bag
+from diffbot_core.errors import DiffbotError, shown
+
+
+def cut(
+    bags: MergedBags,
+    output: Path,
+    *,
+    start: int | None = None,
+    end: int | None = None,
+    keep: Callable[[Topic], bool] = lambda _: True,
+    latched: bool = True,
+    progress: Callable[[int], None] = lambda _: None,
+) -> BagMetadata:
+    """Write the messages of open bags with ``start <= log time < end``, in the order of log time, to a new bag.
+
+    The parameters of the nodes and the counts of lost messages are carried over.
+
+    Args:
+        bags: of equal log times, the messages of the bag given first come first.
+        output: folder of the new bag, which must not exist. It appears when it is complete.
+        start: [ns]; None: the first message.
+        end: [ns], itself excluded; None: all messages to the last one.
+        keep: True for a topic to keep.
+        latched: begin with the last earlier messages of latched topics, with ``start`` as their log time.
+        progress: called with 1 for each message.
+
+    Raises:
+        DiffbotError: if no topic is kept, a bag is damaged, or the new bag exists or cannot be written.
+    """
+    topics = {name: topic for name, topic in bags.topics.items() if keep(topic)}
+    if not topics:
+        raise DiffbotError(shown(f"no topic of the bag is selected; it has {', '.join(bags.topics)}"))
+    with new_bag(output) as writer:
+        channels = {}
+        for name, topic in topics.items():
+            schema = next(reader.schemas[name] for reader in bags.readers if name in reader.topics)
+            channels[name] = writer.add_topic(
+                name, topic.type, topic.qos, topic.type_hash, encoding=topic.encoding, schema=schema
+            )
+        parameters = {node: values for reader in bags.readers for node, values in reader.node_parameters().items()}
+        if parameters:
+            writer.attach(PARAMETERS, "application/json", json.dumps(parameters, indent=1).encode())
+        if latched and start is not None:
+            latched_topics = [name for name, topic in topics.items() if any(qos.is_latched for qos in topic.qos)]
+            for message in bags.latched_before(start, latched_topics):
+                writer.write(channels[message.topic], message.data, start, message.publish_time, message.sequence)
+        last = None if end is None else end - 1
+        for name, data, log_time, publish_time, sequence in bags.messages(topics, start, last):
+            writer.write(channels[name], data, log_time, publish_time, sequence)
+            progress(1)
+        writer.custom_data = joined_data([reader.custom_data for reader in bags.readers])
+    return read_metadata(output)
+
+
+def joined_data(all_data: Sequence[Mapping[str, str]]) -> dict[str, str]:
+    """Return the custom data of several bags: counts of lost messages are added, other values are listed."""
+    joined: dict[str, str] = {}
+    for name in dict.fromkeys(name for data in all_data for name in data):
+        values = [data[name] for data in all_data if name in data]
+        is_count = name.startswith("lost") and all(value.isdecimal() for value in values)
+        joined[name] = str(sum(map(int, values))) if is_count else ", ".join(dict.fromkeys(values))
+    return joined

@@ -1,0 +1,63 @@
+"""Keys of a terminal, as in ``ros2 bag play``: read without waiting and without Enter. Free of ROS."""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import os
+import re
+import select
+import termios
+import tty
+
+SPACE, RIGHT, UP, DOWN = " ", "C", "A", "B"
+_KEYS = re.compile(rb" |\x1b[\[O]([ABC])")
+"""The space bar and the arrow keys; terminals in application mode send O."""
+
+
+class Keyboard:
+    """The terminal of stdin, whose keys arrive one by one and unechoed until :meth:`close`; Ctrl-C works as before.
+
+    Without a terminal, or while this process is in its background, no key is pressed.
+    """
+
+    def __init__(self, descriptor: int = 0) -> None:
+        """Use the terminal of a file descriptor."""
+        self._descriptor = descriptor
+        self._before = termios.tcgetattr(descriptor) if self._is_ours() else None
+        # For an end without close(): an exception, or sys.exit elsewhere.
+        atexit.register(self.close)
+
+    @property
+    def is_open(self) -> bool:
+        """True if there is a terminal."""
+        return self._before is not None
+
+    def _is_ours(self) -> bool:
+        """True if this process is in the foreground of the terminal; reading would stop it otherwise."""
+        try:
+            return os.isatty(self._descriptor) and os.tcgetpgrp(self._descriptor) == os.getpgrp()
+        except OSError:
+            return False
+
+    def pressed(self) -> list[str]:
+        """Return the keys pressed since the last call."""
+        if not self.is_open or not self._is_ours():
+            return []
+        with contextlib.suppress(OSError, termios.error):  # the terminal is gone
+            # A shell that had the terminal meanwhile has restored its modes.
+            if termios.tcgetattr(self._descriptor)[3] & termios.ICANON:
+                tty.setcbreak(self._descriptor, termios.TCSADRAIN)
+            if select.select([self._descriptor], [], [], 0)[0]:
+                return [
+                    match[1].decode() if match[1] else SPACE for match in _KEYS.finditer(os.read(self._descriptor, 256))
+                ]
+        return []
+
+    def close(self) -> None:
+        """Restore the terminal, unless another process has it."""
+        atexit.unregister(self.close)
+        before, self._before = self._before, None
+        if before is not None and self._is_ours():
+            with contextlib.suppress(OSError, termios.error):
+                termios.tcsetattr(self._descriptor, termios.TCSADRAIN, before)

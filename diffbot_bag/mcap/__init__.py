@@ -1,1 +1,0 @@
-"""The MCAP format: records, chunks, files, and their repair."""

@@ -1,0 +1,135 @@
+"""Parameters of all nodes in the graph, requested beside the recording: one node at a time, with a deadline."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import time
+from collections.abc import Callable, Generator, Mapping
+from typing import Any
+
+from rcl_interfaces.srv import GetParameters, ListParameters
+from rclpy.node import Node
+from rclpy.parameter import parameter_value_to_python
+
+from diffbot_bag.qos import is_hidden
+
+DEADLINE = 5.0
+"""[s] for the answers of one node"""
+ATTACH_PERIOD = 10.0
+"""[s] shortest time between two attachments: each one contains all nodes"""
+MAX_NODES, MAX_PARAMETERS = 200, 2000
+"""of the graph, and of a node; more are left out"""
+HIDDEN = "(not recorded)"
+"""Replaces the value of a parameter whose name suggests a secret."""
+_SECRET = re.compile(r"passw|secret|token|credential|api_?key|private_?key", re.IGNORECASE)
+
+
+class NodeParameters:
+    """Requests the parameters of each node once, and again after it has left the graph and returned.
+
+    rclpy's AsyncParameterClient would also need the right to set the parameters of all nodes, under SROS2.
+    """
+
+    def __init__(self, node: Node, attach: Callable[[bytes], None]) -> None:
+        """Send requests as ``node``; call ``attach`` with all parameters (JSON) when all nodes have answered."""
+        self._node, self._attach = node, attach
+        self._asked: set[str] = set()
+        self._known: dict[str, dict[str, Any]] = {}
+        self._changed = False
+        self._attached = -ATTACH_PERIOD
+        self._name = ""
+        """node whose answers are awaited"""
+        self._request: Generator[None, None, None] | None = None
+        self._deadline = 0.0
+
+    def poll(self) -> None:
+        """Continue; this takes a millisecond or two. Call it a few times a second."""
+        if self._request is not None:
+            if time.monotonic() > self._deadline or next(self._request, self) is self:
+                self._request.close()
+                self._request = None
+        elif (name := self._next()) is not None:
+            self._asked.add(name)
+            self._name, self._deadline, self._request = name, time.monotonic() + DEADLINE, self._ask(name)
+        elif time.monotonic() - self._attached >= ATTACH_PERIOD:
+            self.attach()
+
+    def _next(self) -> str | None:
+        """Return the full name of a node whose parameters were not requested yet."""
+        present = {f"{namespace.rstrip('/')}/{name}" for name, namespace in self._node.get_node_names_and_namespaces()}
+        self._asked &= present
+        new = {name for name in present - self._asked if not is_hidden(name)}
+        if not new or len(self._asked) >= MAX_NODES:
+            return None
+        own = self._node.get_fully_qualified_name()
+        return own if own in new else min(new)
+
+    def _ask(self, name: str) -> Generator[None, None, None]:
+        """Request the names and then the values of a node's parameters; yield while an answer is awaited."""
+        if name == self._node.get_fully_qualified_name():  # no executor would answer
+            self._add(name, {one: found.value for one, found in self._node.get_parameters_by_prefix("").items()})
+            return
+        clients: list[Any] = []
+        try:
+            for kind, service in ((ListParameters, "list_parameters"), (GetParameters, "get_parameters")):
+                clients.append(self._node.create_client(kind, f"{name}/{service}"))
+            while not all(client.service_is_ready() for client in clients):
+                yield
+            found = yield from _answer(clients[0], ListParameters.Request())
+            names = list(found.result.names)[:MAX_PARAMETERS]
+            found = yield from _answer(clients[1], GetParameters.Request(names=names))
+            values = [parameter_value_to_python(value) for value in found.values]
+            self._add(name, dict(zip(names, values, strict=False)))
+        except Exception as error:  # rclpy raises several types: for a name that is not allowed, a type that is unknown
+            reason = " ".join(str(error).split())
+            self._node.get_logger().warning(f"the parameters of {name} are not recorded: {reason}")
+        finally:
+            for client in clients:
+                self._node.destroy_client(client)
+
+    def _add(self, name: str, values: dict[str, Any]) -> None:
+        self._changed = self._changed or self._known.get(name) != values
+        self._known[name] = values
+
+    def attach(self) -> None:
+        """Attach the known parameters if they have changed."""
+        if self._changed:
+            self._attach(dump_parameters(self._known))
+            self._changed, self._attached = False, time.monotonic()
+
+    def close(self) -> None:
+        """Attach what has become known since the last time, and end the present request."""
+        if self._request is not None:
+            self._request.close()
+        self.attach()
+
+
+def _answer(client: Any, request: Any) -> Generator[None, None, Any]:
+    future = client.call_async(request)
+    while not future.done():
+        yield
+    return future.result()
+
+
+def dump_parameters(parameters: Mapping[str, Mapping[str, Any]]) -> bytes:
+    """Return the attachment (JSON): value by name, by full name of the node.
+
+    Bytes become hexadecimal text, and numbers that JSON does not know become text.
+    """
+    plain = {
+        node: {name: HIDDEN if _SECRET.search(name) else _plain(value) for name, value in values.items()}
+        for node, values in parameters.items()
+    }
+    return (json.dumps(plain, indent=1, allow_nan=False, sort_keys=True) + "\n").encode()
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, float):
+        return value if math.isfinite(value) else str(value)
+    if value is None or isinstance(value, (str, bool, int)):
+        return value
+    if isinstance(value, bytes):
+        return value.hex()
+    return [_plain(one) for one in value]

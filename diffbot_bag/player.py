@@ -1,0 +1,382 @@
+"""Send the messages of a bag on time; other threads pause, step, seek and stop the player. Free of ROS."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import queue
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from typing import NamedTuple
+
+from diffbot_bag.bag import RawMessage
+from diffbot_bag.parameters import ReplayConfig
+from diffbot_core.errors import InvalidValueError
+from diffbot_core.stamps import NS_PER_S
+
+GAP = 60 * NS_PER_S
+"""[ns] A longer time without a message is reported, and skipped on request."""
+COARSE = 2_000_000
+"""[ns] Before a deadline the player stops waiting for requests of other threads and only sleeps or spins."""
+SPIN = 100_000
+"""[ns] Before a deadline the clock spins instead of sleeping, since a sleep ends about that late."""
+LONGEST_WAIT = 3600.0
+"""[s] A gap in a bag may be longer than a lock can wait."""
+LATENESS_SAMPLES = 20_000
+"""Number of recent messages whose lateness is kept."""
+STEP_TIMEOUT = 1.0
+"""[s] longest wait of :meth:`Player.step`"""
+BATCH, BATCHES = 50, 20
+"""Messages per item of the queue that is read ahead (its locks cost more than reading), and number of items."""
+
+
+class Window(NamedTuple):
+    """The part of a bag that is played: log times [ns], both ends included."""
+
+    start: int
+    end: int
+
+
+def window(first: int, last: int, start_offset: float, playback_duration: float) -> Window:
+    """Return the part to play of a bag with messages from ``first`` to ``last`` [ns].
+
+    The offset from the first message and the duration are in [s]; a negative duration means all.
+
+    Raises:
+        InvalidValueError: if the offset is longer than the bag.
+    """
+    start = first + nanoseconds(start_offset)
+    if start > last:
+        raise InvalidValueError("start_offset", start_offset, f"<= {(last - first) / NS_PER_S:g} s, the bag's length")
+    return Window(start, last if playback_duration < 0.0 else min(last, start + nanoseconds(playback_duration)))
+
+
+def nanoseconds(seconds: float) -> int:
+    """Return a time [s] as [ns]; a time since 1970 keeps the digits that its float has."""
+    whole = math.floor(seconds)
+    # Multiplied as one float, a time since 1970 would be rounded to 256 ns.
+    return whole * NS_PER_S + round((seconds - whole) * NS_PER_S)
+
+
+def duration_text(duration: int) -> str:
+    """Return a duration [ns] in the largest unit that it has at least two of, such as ``56.7 years``."""
+    for seconds, unit in ((31_556_952, "years"), (86_400, "days"), (3600, "hours"), (60, "minutes")):
+        if duration >= 2 * seconds * NS_PER_S:
+            return f"{duration / NS_PER_S / seconds:.1f} {unit}"
+    return f"{duration / NS_PER_S:.1f} s"
+
+
+class Timeline(NamedTuple):
+    """Relation of the bag's time to steady time: at ``steady`` [ns] the bag is at ``bag`` [ns].
+
+    From there on the bag's time advances ``rate`` times as fast as steady time, and not at all while ``paused``. With a
+    rate of 0 every message is due at once, and the bag's time is the time of the last message sent.
+    """
+
+    bag: int
+    steady: int
+    rate: float = 1.0
+    paused: bool = False
+
+    def at(self, now: int) -> int:
+        """Return the time of the bag [ns] at steady time ``now`` [ns]."""
+        return self.bag if self.paused else self.bag + round((now - self.steady) * self.rate)
+
+    def due(self, log_time: int) -> int:
+        """Return the steady time [ns] at which a message is due, provided that the replay is not paused before."""
+        return self.steady + (round((log_time - self.bag) / self.rate) if self.rate else 0)
+
+    def moved_to(self, now: int) -> Timeline:
+        """Return the same timeline with steady time ``now`` [ns] as its origin, so that its rate can be changed."""
+        return self._replace(bag=self.at(now), steady=now)
+
+
+class SteadyClock:
+    """Steady time of this machine; tests replace it."""
+
+    def now(self) -> int:
+        """Return the time [ns], from an arbitrary origin."""
+        return time.perf_counter_ns()
+
+    def sleep_until(self, target: int) -> None:
+        """Return at ``target`` [ns], or at once if it is over; late by a microsecond on a free processor."""
+        if (remaining := target - self.now()) > SPIN:
+            time.sleep((remaining - SPIN) / NS_PER_S)
+        while self.now() < target:
+            pass
+
+    def wait(self, condition: threading.Condition, duration: int | None) -> None:
+        """Wait until ``condition``, which the caller holds, is notified, at most ``duration`` [ns]; None: no limit."""
+        condition.wait(None if duration is None else min(duration / NS_PER_S, LONGEST_WAIT))
+
+
+class Progress(NamedTuple):
+    """Progress of a replay."""
+
+    bag_time: int
+    """[ns]"""
+    sent: int
+    """messages sent, over all rounds, without the repeated latched ones"""
+    is_paused: bool
+    rounds: int
+    """rounds begun"""
+    rate: float
+    """bag time per steady time; 0: as fast as possible"""
+
+
+class Source(NamedTuple):
+    """Functions that read the messages of a replay."""
+
+    messages: Callable[[int], Iterable[RawMessage]]
+    """messages from a log time [ns] on, itself included, to the end of the window, in the order of log time"""
+    latched: Callable[[int], Iterable[RawMessage]] = lambda _: ()
+    """messages before a log time [ns] that a late subscriber would receive: sent before the first one from there on"""
+
+
+class Sink(NamedTuple):
+    """Functions that receive what a replay sends."""
+
+    send: Callable[[RawMessage], None]
+    """sends one message; may block until there is room for it"""
+    send_clock: Callable[[int], None]
+    """publishes a time of the bag [ns] on /clock"""
+    report_gap: Callable[[int, int], None]
+    """reports a gap between two log times [ns] that is waited for"""
+
+
+class Player:
+    """Sends messages when they are due; :meth:`play` blocks its thread, the other methods are for other threads."""
+
+    def __init__(
+        self, window: Window, source: Source, sink: Sink, config: ReplayConfig, clock: SteadyClock | None = None
+    ) -> None:
+        """Prepare the replay of a window, the part of the bag to play, at the speed of ``config``."""
+        self.lateness: deque[int] = deque(maxlen=LATENESS_SAMPLES)
+        """[ns] delays of recent messages behind their due times"""
+        self._window, self._source, self._sink = window, source, sink
+        self._loop, self._skip_gaps = config.loop, config.skip_gaps
+        self._clock = clock or SteadyClock()
+        self._tick_period = round(NS_PER_S / config.clock) if config.clock > 0.0 else 0
+        self._last_tick: int | None = None
+        self._next_bag_tick = 0
+        self._changed = threading.Condition()
+        rate = 0.0 if config.as_fast_as_possible else config.rate
+        self._timeline = Timeline(window.start, self._clock.now(), rate, config.start_paused)
+        self._seek_to: int | None = None
+        self._stopped = self._ended = False
+        self._sent = self._rounds = self._step_until = 0
+
+    def progress(self) -> Progress:
+        """Return the progress of the replay."""
+        with self._changed:
+            timeline = self._timeline
+            has_begun = self._rounds > 0 and self._seek_to is None
+            bag = timeline.at(self._clock.now()) if has_begun else timeline.bag
+            bag = min(max(bag, self._window.start), self._window.end)
+            return Progress(bag, self._sent, timeline.paused, self._rounds, timeline.rate)
+
+    @contextlib.contextmanager
+    def _change(self) -> Iterator[int]:
+        """Hold the lock, give the steady time [ns], and wake the playing thread at the end."""
+        with self._changed:
+            yield self._clock.now()
+            self._changed.notify_all()
+
+    def pause(self, paused: bool = True) -> None:
+        """Pause or resume the replay; a step that was requested and is not sent yet is withdrawn."""
+        with self._change() as now:
+            if self._timeline.paused != paused:
+                self._timeline = self._timeline.moved_to(now)._replace(paused=paused)
+            self._step_until = 0
+
+    def stop(self) -> None:
+        """Stop the replay after the message that is being sent."""
+        with self._change():
+            self._stopped = True
+
+    def set_rate(self, rate: float) -> None:
+        """Play at another rate, > 0, from now on."""
+        with self._change() as now:
+            self._timeline = self._timeline.moved_to(now)._replace(rate=rate)
+
+    def set_skip_gaps(self, skip: bool) -> None:
+        """Skip gaps, or wait for their end, from now on; a gap that is waited for ends at once."""
+        with self._change():
+            self._skip_gaps = skip
+
+    def seek(self, log_time: int) -> bool:
+        """Continue with the first message at or after ``log_time`` [ns], of the window; return False after the end.
+
+        At most the message that is being sent is still sent, then the latched messages of earlier times. A paused
+        replay stays paused.
+        """
+        with self._change() as now:
+            if self._ended:
+                return False
+            self._seek_to, self._step_until = log_time, 0
+            self._timeline = self._timeline._replace(bag=log_time, steady=now)
+            return True
+
+    def step(self, timeout: float = STEP_TIMEOUT) -> bool:
+        """Send the next message of a paused replay; return False if it is not paused, has ended or is too slow.
+
+        Args:
+            timeout: [s] longest wait until the message is sent; it is not sent later. 0: do not wait.
+        """
+        with self._changed:
+            if not self._timeline.paused or self._ended:
+                return False
+            self._step_until = target = max(self._step_until, self._sent) + 1
+            self._changed.notify_all()
+            if timeout > 0.0:
+                self._changed.wait_for(
+                    lambda: self._sent >= target or self._step_until < target or self._ended, timeout
+                )
+                self._step_until = min(self._step_until, self._sent)
+            return self._sent >= target
+
+    def play(self) -> None:
+        """Play until the end or :meth:`stop`.
+
+        Raises:
+            DiffbotError: if the bag is damaged.
+        """
+        try:
+            while not self._stopped:
+                before = self._sent
+                self._rounds += 1
+                was_sought = self._play_round()
+                # Without messages a loop would never wait.
+                if not self._loop or (self._sent == before and not was_sought):
+                    return
+        finally:
+            with self._change():
+                self._ended = True
+
+    def _play_round(self) -> bool:
+        """Play from the start of the window to its end; return True if a seek led to another position meanwhile."""
+        start, was_sought = self._window.start, False
+        while not self._stopped:
+            with self._changed:
+                if self._seek_to is not None:
+                    start, was_sought, self._seek_to = self._seek_to, True, None
+            self._play_from(start)
+            if self._seek_to is None:
+                break
+        return was_sought
+
+    def _play_from(self, start: int) -> None:
+        """Play from a log time [ns] until the end, a stop or a seek."""
+        for message in self._source.latched(start):
+            self._sink.send(message)
+        with read_ahead(self._source.messages(start)) as messages:
+            with self._changed:
+                if self._seek_to is None:
+                    self._timeline = self._timeline._replace(bag=start, steady=self._clock.now())
+                    self._next_bag_tick = start
+            previous = start
+            for message in messages:
+                if not self._wait_until_due(message.log_time, previous):
+                    return
+                previous = message.log_time
+                self._sink.send(message)
+                with self._change():
+                    self._sent += 1
+
+    def _wait_until_due(self, log_time: int, previous: int) -> bool:
+        """Wait until a message is due and publish /clock meanwhile; return False after a stop or a seek."""
+        is_gap, is_reported = log_time - previous > GAP, False
+        while True:
+            with self._changed:
+                if self._stopped or self._seek_to is not None:
+                    return False
+                now, timeline = self._clock.now(), self._timeline
+                if self._sent < self._step_until if timeline.paused else is_gap and self._skip_gaps:
+                    self._timeline = timeline._replace(bag=max(timeline.bag, log_time), steady=now)
+                    return True
+                tick = self._next_tick(now) if self._tick_period else None
+                due = None if timeline.paused else timeline.due(log_time)
+                if is_gap and not is_reported and due is not None and due - now > NS_PER_S:
+                    is_reported = True
+                    self._sink.report_gap(previous, log_time)
+                target = min((one for one in (tick, due) if one is not None), default=None)
+                if target is None or target - now > COARSE:
+                    self._clock.wait(self._changed, None if target is None else target - now - COARSE // 2)
+                    continue
+            self._clock.sleep_until(target)
+            if self._stopped or self._timeline is not timeline:
+                continue
+            if target == tick and target != due:
+                self._tick(target)
+            elif timeline.rate > 0.0:
+                self.lateness.append(self._clock.now() - target)
+                return True
+            elif self._advance(timeline, log_time):
+                return True
+
+    def _advance(self, timeline: Timeline, log_time: int) -> bool:
+        """Set the bag's time to a message that is sent as fast as possible; return False if something changed."""
+        with self._changed:
+            if self._timeline is not timeline:
+                return False
+            self._timeline = timeline._replace(bag=max(timeline.bag, log_time))
+        if self._tick_period and log_time >= self._next_bag_tick:
+            self._next_bag_tick = log_time + self._tick_period
+            self._sink.send_clock(log_time)
+        return True
+
+    def _next_tick(self, now: int) -> int:
+        """Return the steady time [ns] of the next /clock tick; overdue ticks are skipped."""
+        if self._last_tick is None:
+            return now
+        return max(self._last_tick + self._tick_period, now - (now - self._last_tick) % self._tick_period)
+
+    def _tick(self, target: int) -> None:
+        self._last_tick = target
+        self._sink.send_clock(max(self._timeline.at(target), self._window.start))
+
+
+@contextlib.contextmanager
+def read_ahead(messages: Iterable[RawMessage]) -> Iterator[Iterator[RawMessage]]:
+    """Give an iterator over messages that a thread reads in advance, so that unpacking a chunk delays no message.
+
+    An exception of the reading thread is raised by the iterator. The thread ends with the ``with`` block.
+    """
+    items: queue.Queue[list[RawMessage] | Exception | None] = queue.Queue(BATCHES)
+    stop = threading.Event()
+
+    def read() -> None:
+        batch: list[RawMessage] = []
+        end: Exception | None = None
+        try:
+            for message in messages:
+                batch.append(message)
+                if len(batch) >= BATCH:
+                    items.put(batch)
+                    batch = []
+                if stop.is_set():
+                    return
+        except Exception as error:  # raised again by the iterator, after the messages read before it
+            end = error
+        items.put(batch)
+        items.put(end)
+
+    def iterate() -> Iterator[RawMessage]:
+        while (item := items.get()) is not None:
+            if isinstance(item, Exception):
+                raise item
+            yield from item
+
+    thread = threading.Thread(target=read, name="read ahead", daemon=True)
+    thread.start()
+    try:
+        yield iterate()
+    finally:
+        stop.set()
+        # The thread may be blocked by a full queue.
+        while thread.is_alive():
+            with contextlib.suppress(queue.Empty):
+                items.get_nowait()
+            thread.join(0.01)

@@ -1,1 +1,0 @@
-"""Recording without ROS: chunks, files, splits, and latched messages."""

@@ -1,1 +1,0 @@
-"""Replay of a bag in time, free of ROS."""

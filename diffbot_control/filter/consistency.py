@@ -1,0 +1,129 @@
+"""Consistency of the filter: what the innovations of a source say about its covariances.
+
+Innovations of a right model have a mean NIS of 1 per number and are white. The NIS does not show errors that are
+correlated in time. They make a filter overconfident that assumes independent errors, and the autocorrelation of the
+innovations shows them.
+
+The bounds of the chi-square distribution are computed by its closed forms.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import NamedTuple
+
+from diffbot_control.filter import noise
+from diffbot_control.filter.models import Array
+
+_FALSE_ALARM = 1e-4
+"""Probability that the mean NIS of a consistent filter exceeds the alarm bound."""
+_MIN_PAIRS = 30
+"""Smallest number of products from which an autocorrelation is computed."""
+_SIGMAS_95, _SIGMAS_ALARM = 1.96, 4.0
+"""Bounds in standard deviations. If it is checked all the time, the alarm is exceeded in 0.5 % of drives of 15 minutes
+at 5 Hz."""
+_STEPS = 200
+"""Largest number of Newton's steps to a quantile; six are usual."""
+_TOLERANCE = 1e-12
+"""Relative size of the last step; the error is about its square."""
+
+
+class SourceConsistency(NamedTuple):
+    """Statistics of the newest accepted innovations of a source."""
+
+    nis: float
+    """mean NIS per number measured; 1 if the covariances are right"""
+    numbers: int
+    """number of numbers in the mean"""
+    low: float
+    """95 % of the means of a consistent filter are between these bounds"""
+    high: float
+    alarm: float
+    """if the mean is above this bound, the covariances are too small for the innovations"""
+    autocorrelation: float | None
+    """of neighbouring innovations; 0 on average if they are white; None: there are too few"""
+    bound: float
+    """95 % of the absolute autocorrelations of a consistent filter are below this bound"""
+    assumed: float
+    """correlation of neighbouring errors that the filter assumes"""
+    scale: tuple[float, float]
+    """factors on the variances of positions and of angles that the filter uses"""
+
+    @property
+    def is_correlated(self) -> bool:
+        """True if the innovations are more correlated in time than the filter assumes the errors to be.
+
+        If the filter does not follow the errors, the innovations have the autocorrelation of the errors; otherwise it
+        is smaller.
+        """
+        alarm = _SIGMAS_ALARM / _SIGMAS_95 * self.bound
+        return self.autocorrelation is not None and self.autocorrelation > self.assumed + alarm
+
+
+def survival(x: float, dof: int) -> float:
+    """Return the probability that a chi-square number of ``dof`` degrees of freedom exceeds ``x`` >= 0.
+
+    Abramowitz and Stegun, Handbook of Mathematical Functions, 26.4.4 (odd ``dof``) and 26.4.5 (even ``dof``).
+    """
+    half = 0.5 * x
+    if dof % 2:
+        total, term, k = math.erfc(math.sqrt(half)), math.exp(-half) * math.sqrt(half / math.pi) * 2.0, 1.5
+    else:
+        total, term, k = 0.0, math.exp(-half), 1.0
+    for _ in range(dof // 2):
+        total += term
+        term *= half / k
+        k += 1.0
+    return total
+
+
+@lru_cache(maxsize=1024)
+def chi_square_bound(dof: int, tail: float) -> float:
+    """Return the bound that a chi-square number of ``dof`` >= 1 degrees of freedom exceeds with probability ``tail``.
+
+    Args:
+        dof: degrees of freedom.
+        tail: greater than 0, less than 1.
+    """
+    low, high = 0.0, float(dof)
+    while survival(high, dof) > tail:
+        low, high = high, 2.0 * high
+    x = 0.5 * (low + high)
+    for _ in range(_STEPS):
+        found = survival(x, dof)
+        low, high = (x, high) if found > tail else (low, x)
+        density = math.exp((0.5 * dof - 1.0) * math.log(0.5 * x) - 0.5 * x - math.lgamma(0.5 * dof)) / 2.0
+        # Newton's step on the logarithm, which is nearly straight in the tail; bisection where that leaves the bracket.
+        step = x + found / density * math.log(found / tail) if found > 0.0 and density > 0.0 else math.nan
+        step = step if low <= step <= high else 0.5 * (low + high)
+        if abs(step - x) <= _TOLERANCE * x:
+            return step
+        x = step
+    return x
+
+
+def nis_bounds(numbers: int) -> tuple[float, float, float]:
+    """Return the lower, upper and alarm bounds of the mean NIS per number, for a mean over ``numbers`` numbers."""
+    low, high, alarm = (chi_square_bound(numbers, tail) / numbers for tail in (0.975, 0.025, _FALSE_ALARM))
+    return low, high, alarm
+
+
+def consistency_of(row: Array, time: float) -> SourceConsistency | None:
+    """Return the statistics in a source's row of :mod:`noise`; None if no measurement was accepted yet.
+
+    ``time`` is the known correlation time of its errors [s]; 0: use the one that was found.
+    """
+    numbers, pairs = int(row[noise.NIS_NUMBERS]), int(row[noise.WHITENESS_NUMBERS])
+    if numbers == 0:
+        return None
+    nis = float(row[noise.NIS])
+    return SourceConsistency(
+        nis,
+        numbers,
+        *nis_bounds(numbers),
+        float(row[noise.WHITENESS]) / nis if pairs >= _MIN_PAIRS and nis > 0.0 else None,
+        _SIGMAS_95 / math.sqrt(max(pairs, 1)),
+        noise.correlation_after(row, time),
+        (noise.scale_of(row, False), noise.scale_of(row, True)),
+    )

@@ -1,1 +1,0 @@
-"""The law as published, and the re-approach that only its presets have."""

@@ -1,0 +1,193 @@
+"""The law ``switching``: one step from the latency, the regions, the course and the limits.
+
+One step, with the memory as argument and result::
+
+    from diffbot_control.law import CONTACT_UNKNOWN, Observation, SwitchingConfig, new_memory, step
+
+    observation = Observation(estimate, 0.1, 0.1, CONTACT_UNKNOWN)
+    memory, command, report = step(new_memory(), observation, goal, SwitchingConfig())
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+from diffbot_control.law.configuration import SwitchingConfig
+from diffbot_control.law.goal_checker import Settling, next_settling, within
+from diffbot_control.law.latency import Actuation, after_a_period, coast, is_immediate, predicted, resting_actuation
+from diffbot_control.law.law import Law, Observation, Report
+from diffbot_control.law.limits import limit_change
+from diffbot_control.law.regions import MAX_DEPARTURES, OMEGA_G, OMEGA_L, Switching, SwitchInput, next_switching
+from diffbot_control.law.steering import (
+    BACK,
+    HALF_PI,
+    UNDECIDED,
+    Course,
+    Gains,
+    Navigation,
+    chosen_course,
+    course_lyapunov,
+    drive_and_hold,
+    drive_and_steer,
+    gains_of,
+    led_by,
+    local_lyapunov,
+    navigation_variables,
+    turn_to_the_goal,
+    uncertainty_ratio,
+)
+from diffbot_core.geometry import Pose, into_frame, wrap_angle
+from diffbot_core.kinematics import Twist
+from diffbot_core.uncertainty import Estimate
+
+
+class SwitchingMemory(NamedTuple):
+    """State of the law between two steps."""
+
+    switching: Switching
+    command: Twist
+    """the last command"""
+    settling: Settling
+    course: Course
+    actuation: Actuation
+    reached: bool
+    """the goal counts as reached"""
+
+
+def new_memory() -> SwitchingMemory:
+    """Return the memory at rest with a new goal."""
+    return SwitchingMemory(
+        Switching(OMEGA_G, 0, 0.0),
+        Twist(0.0, 0.0),
+        Settling(0, False),
+        Course(UNDECIDED, False),
+        resting_actuation(),
+        False,
+    )
+
+
+def with_motion(memory: SwitchingMemory, command: Twist, actuation: Actuation) -> SwitchingMemory:
+    """Return the memory with another motion (numba does not compile ``_replace``)."""
+    return SwitchingMemory(memory.switching, command, memory.settling, memory.course, actuation, memory.reached)
+
+
+def step(
+    memory: SwitchingMemory, observation: Observation, goal: Pose, config: SwitchingConfig
+) -> tuple[SwitchingMemory, Twist, Report]:
+    """Drive towards ``goal`` for one period, within the limits; see :meth:`Law.step`.
+
+    The command is zero if the numbers overflow.
+    """
+    dt, sheet, tolerance = observation.dt, config.data_sheet, config.tolerance
+    actuation, estimate = coasted_estimate(memory, observation.estimate, dt, config)
+    uncertainty = estimate.uncertainty
+    upright = into_frame(estimate.pose, goal)
+    local = _turned(upright) if memory.course.turned else upright
+    navigation = navigation_variables(local)
+    standing = SwitchInput(navigation.rho, local.theta, memory.command, memory.reached)
+    switching, radius = next_switching(memory.switching, standing, uncertainty, dt, tolerance, sheet)
+    course = _course_after(memory, switching.region, upright, config)
+    if course.turned != memory.course.turned:
+        local = _turned(upright) if course.turned else upright
+        navigation = navigation_variables(local)
+    gains = gains_of(sheet, observation.period)
+    ratio = uncertainty_ratio(uncertainty.xy, config.sigma_known, tolerance.xy_goal_tolerance)
+    if switching.region == OMEGA_L:
+        lyapunov = local_lyapunov(navigation, local.theta)
+        requested = _near(navigation, local.theta, ratio, gains, config)
+    else:
+        led = led_by(navigation, course.leading)
+        lyapunov = course_lyapunov(led)
+        requested = _far(led, ratio, course.leading, gains, config)
+    command = limit_change(requested, memory.command, dt, sheet)
+    rho, alpha, beta = navigation
+    if not math.isfinite(rho + alpha + local.theta + command.v + command.omega):
+        command = Twist(0.0, 0.0)
+    inside = switching.region == OMEGA_L and within(local, rho, command, tolerance, sheet, uncertainty)
+    settling = next_settling(memory.settling, inside, tolerance)
+    report = Report(rho, alpha, beta, local.theta, radius, switching.region, lyapunov)
+    after = SwitchingMemory(switching, command, settling, course, actuation, settling.reached)
+    return after, command, report
+
+
+def coasted_estimate(
+    memory: SwitchingMemory, estimate: Estimate, dt: float, config: SwitchingConfig
+) -> tuple[Actuation, Estimate]:
+    """Return the actuation, and the estimate of the pose in which the robot would come to rest (law/latency.py)."""
+    if is_immediate(config.data_sheet):
+        return memory.actuation, estimate
+    coasted = coast(estimate.pose, memory.actuation, memory.command, dt, config.data_sheet)
+    return coasted.actuation, predicted(coasted, estimate.uncertainty)
+
+
+def _turned(local: Pose) -> Pose:
+    """Return the pose in the frame of the goal turned by pi."""
+    return Pose(-local.x, -local.y, wrap_angle(local.theta - math.pi))
+
+
+def _course_after(memory: SwitchingMemory, region: int, upright: Pose, config: SwitchingConfig) -> Course:
+    """Choose the course for a new goal, when Omega_L is left, and when ``allow_backward`` was switched off meanwhile.
+
+    ``upright`` is the pose in the frame of the goal, which is not turned.
+    """
+    course = memory.course
+    if region == OMEGA_G:
+        is_allowed = config.allow_backward or course.leading != BACK
+        if course.leading != UNDECIDED and memory.switching.region == OMEGA_G and is_allowed:
+            return course
+        return chosen_course(navigation_variables(upright), config.allow_backward, config.symmetric_yaw_tolerance)
+    if course.leading == UNDECIDED and not course.turned and config.symmetric_yaw_tolerance:
+        # The first pose is already near the goal, so only the heading is still to choose.
+        return Course(UNDECIDED, memory.command == (0.0, 0.0) and abs(upright.theta) > HALF_PI)
+    return course
+
+
+def _near(navigation: Navigation, theta: float, ratio: float, gains: Gains, config: SwitchingConfig) -> Twist:
+    """Return the command of Omega_L."""
+    command = drive_and_hold(navigation, theta, ratio, gains, config.data_sheet)
+    if config.allow_backward or command.v >= 0.0:
+        return command
+    return Twist(0.0, command.omega)
+
+
+def _far(led: Navigation, ratio: float, leading: int, gains: Gains, config: SwitchingConfig) -> Twist:
+    """Return the command of Omega_G; ``led`` has the variables of the leading end."""
+    if not config.allow_backward and abs(led.alpha) >= HALF_PI:
+        return turn_to_the_goal(led.alpha, gains, config.data_sheet)
+    return drive_and_steer(led, ratio, leading, gains, config.data_sheet)
+
+
+class SwitchingLaw(Law):
+    """This project's law."""
+
+    name = "switching"
+    Config = SwitchingConfig
+    step = staticmethod(step)
+
+    @staticmethod
+    def new_memory(config: Any) -> SwitchingMemory:
+        """Return the memory at rest with a new goal."""
+        return new_memory()
+
+    @classmethod
+    def memory_for_new_goal(cls, memory: Any, config: Any) -> SwitchingMemory:
+        """Return a new memory with the present motion, which the limits of acceleration and the latency need."""
+        return with_motion(new_memory(), memory.command, memory.actuation)
+
+    @staticmethod
+    def after_command(memory: Any, command: Twist, dt: float, config: Any) -> SwitchingMemory:
+        """Update the motion, and restart the count of poses in a row within the tolerances."""
+        actuation = memory.actuation
+        if dt > 0.0 and not is_immediate(config.data_sheet):
+            actuation = after_a_period(actuation, memory.command, dt, config.data_sheet)
+        after: SwitchingMemory = memory._replace(command=command, actuation=actuation)
+        return after._replace(settling=after.settling._replace(steps_within=0))
+
+    @staticmethod
+    def reason_to_give_up(memory: Any, config: Any) -> str:
+        """Return why the goal will not be reached: the robot has left Omega_L too often."""
+        departures = memory.switching.switches // 2
+        if departures < MAX_DEPARTURES:
+            return ""
+        return f"left the goal's neighbourhood {departures} times: the estimate keeps changing"

@@ -1,0 +1,95 @@
+"""Detection of faults in the wiring of the filter's inputs that no single message shows; each text says what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from diffbot_control.filter.odometry_check import Agreement, OdometryCheck
+from diffbot_core.stamps import RelativeClocks
+
+WINDOW = 2.0
+"""[s] duration of the windows in which the clocks of the inputs are compared"""
+_MAX_OFFSET, _MAX_SIMULATED = 0.1, 0.5
+"""[s] Largest offset between the clocks of two inputs. Simulated time is received in steps, between the messages."""
+_MAX_NAMES = 5
+"""largest number of joints that a text lists"""
+CONTRADICT = "wheels and gyro contradict each other"
+
+
+class InputWatch:
+    """Compares the clocks of all inputs, twist and pose of the odometry, and the turn rates of wheels and gyro."""
+
+    def __init__(self, reference: str, wheels: tuple[str, str], delays: Mapping[str, float]) -> None:
+        """Start without a message.
+
+        Args:
+            reference: topic of the motion, with whose clock the others are compared.
+            wheels: names of both joints.
+            delays: [s] usual delay of each input until it is published.
+        """
+        self._reference, self._wheels, self._delays = reference, wheels, delays
+        self.clocks = RelativeClocks()
+        """clocks of all inputs; the windows last for WINDOW seconds"""
+        self.odometry = OdometryCheck()
+        self._joints: tuple[str, ...] = ()
+        """joints of the newest message without wheels; empty after a message with wheels"""
+        self._has_wheels = False
+        self._frames: tuple[str, str] | None = None
+        """frame of the newest odometry and the expected frame, if they differ"""
+
+    def receive_frame(self, frame: str, expected: str) -> None:
+        """Add the frame of an odometry and the child frame of map -> odom; empty: the transform is not published."""
+        self._frames = (frame, expected) if expected and frame != expected else None
+
+    def receive_joints(self, names: tuple[str, ...], *, has_wheels: bool) -> None:
+        """Add the names of the joints of a message."""
+        self._has_wheels = self._has_wheels or has_wheels
+        self._joints = () if self._has_wheels else names
+
+    def faults(self, turns: Agreement, *, is_simulated: bool) -> dict[str, str]:
+        """Return a text about each fault, by the input at fault.
+
+        Args:
+            turns: agreement of the turn rates of wheels and gyro.
+            is_simulated: the node uses the time of /clock.
+        """
+        found = {}
+        limit = _MAX_SIMULATED if is_simulated else _MAX_OFFSET
+        for topic, ahead in self.clocks.ahead_of(self._reference).items():
+            if ahead > limit:
+                todo = f"synchronise the clocks that stamp both (chrony), or stamp {self._reference} sooner"
+                found[topic] = f"{topic} is stamped {ahead:.2f} s ahead of {self._reference}: {todo}"
+            elif -ahead > limit + self._delays.get(topic, 0.0):
+                todo = "synchronise the clocks that stamp both (chrony), or publish it sooner after it is measured"
+                found[topic] = f"{topic} is stamped {-ahead:.2f} s behind {self._reference}: {todo}"
+        if fault := self.odometry.fault():
+            found["odom"] = f"odom: {fault}"
+        if self._frames is not None:
+            frame, expected = self._frames
+            found["frame"] = (
+                f"odom has the frame_id {frame[:80]!r}, but map -> odom is published for {expected!r}: set odom_frame "
+                "(and frame_prefix) to what the driver publishes"
+            )
+        if fault := turn_fault(turns, self._reference):
+            found["turn rate"] = f"{CONTRADICT}: {fault}"
+        if self._joints:
+            names = ", ".join(self._joints[:_MAX_NAMES])
+            left, right = self._wheels
+            found["joint_states"] = (
+                f"joint_states has neither {left!r} nor {right!r}, but {names[:200]}: set left_wheel_name and "
+                "right_wheel_name"
+            )
+        return found
+
+
+def turn_fault(turns: Agreement, reference: str) -> str:
+    """Return how the turn rates of the wheels (first) and the gyro (second) contradict each other."""
+    texts = {
+        "opposed": f"the turn rate of imu has the sign opposite to that of {reference}: does its z axis point "
+        "up? Publish the transform of its frame, or swap left and right wheel",
+        "only_first": f"imu shows no turn while {reference} does: does the driver fill angular_velocity.z in rad/s?",
+        "only_second": f"{reference} shows no turn while imu does: does the driver fill the turn rate, do the wheels "
+        "have grip?",
+        "scaled": f"the turn rates of imu and {reference} differ by a factor of ten or more: both have to be in rad/s",
+    }
+    return texts.get(turns.contradiction(), "")

@@ -1,0 +1,276 @@
+"""Watches over /clock and over topics with a limited number of publishers: faults that no single message reveals.
+
+With two publishers of /clock, ROS time jumps to and fro, and every difference of two readings may be wrong. With two
+controllers on one cmd_vel the robot obeys each in turn, and with two sources of the pose it follows two estimates.
+Every message is valid; only the number of publishers reveals the cause.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.clock import JumpThreshold
+from rclpy.duration import Duration
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+
+from diffbot_core.endpoints import TYPE_WORDS, Endpoint, bases
+from diffbot_core.stamps import NS_PER_S
+
+CLOCK_TOPIC = "/clock"
+GRACE = 2.0
+"""[s] time for which a clock may be missing, since it is not discovered at once"""
+LEASE = 20.0
+"""[s] time for which DDS (Fast DDS by default) still counts the publishers of a process that was killed"""
+_JUMPS, _WINDOW = 3, 2.0
+"""Number of jumps back within a time [s] that means two clocks; a single jump is a simulation that was restarted."""
+_FORWARD = Duration(seconds=0.5)
+"""A jump forward after which :meth:`ClockWatch.now` counts the publishers before it answers."""
+_SETTLE = 1.0
+"""[s] time after a jump back for which the clock is unreliable"""
+_LOG_PERIOD = 1.0
+"""[s] shortest time between two log entries"""
+_OK, _WARN, _ERROR = (int(one[0]) for one in (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR))
+
+
+def publisher_names(node: Node, topic: str) -> list[str]:
+    """Return the full names of the nodes that publish a topic, sorted, one for each publisher; no remapping is done."""
+    return sorted(one.node for one in publishers_of(node, topic))
+
+
+def publishers_of(node: Node, topic: str) -> list[Endpoint]:
+    """Return the publishers of a topic, given by its full name; no remapping is done."""
+    return _endpoints(node, topic, rclpy_implementation.rclpy_get_publishers_info_by_topic)
+
+
+def subscriptions_of(node: Node, topic: str) -> list[Endpoint]:
+    """Return the subscriptions to a topic, given by its full name; no remapping is done."""
+    return _endpoints(node, topic, rclpy_implementation.rclpy_get_subscriptions_info_by_topic)
+
+
+def _endpoints(node: Node, topic: str, find: Any) -> list[Endpoint]:
+    # The methods of Node remap the topic: a remapped node would not find what others do on the original topic.
+    with node.handle:
+        return [_endpoint(TopicEndpointInfo(**one)) for one in find(node.handle, topic, False)]
+
+
+def published_elsewhere(node: Node, topic: str, kind: str) -> list[str]:
+    """Return other topics of a type that are published, but not by ``node``, and that it does not subscribe to.
+
+    Poses that RViz sends on initialpose are not the input of another topic.
+    """
+    own = {one.topic_name for one in node.subscriptions} | {node.resolve_topic_name("initialpose")}
+    name = node.get_fully_qualified_name()
+    found = [one for one, types in node.get_topic_names_and_types() if kind in types and one not in {topic, *own}]
+    return [one for one in found if any(end.node != name and end.type == kind for end in publishers_of(node, one))]
+
+
+def bases_elsewhere(node: Node, topic: str) -> list[str]:
+    """Return other topics of commands, to which a base may subscribe."""
+    names = [
+        name for name, types in node.get_topic_names_and_types() if name != topic and TYPE_WORDS.keys() & set(types)
+    ]
+    return [name for name in names if bases(subscriptions_of(node, name))]
+
+
+def _endpoint(info: Any) -> Endpoint:
+    qos = info.qos_profile
+    is_reliable = qos.reliability == ReliabilityPolicy.RELIABLE
+    return Endpoint(full_name(info), info.topic_type, is_reliable, qos.durability == DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def full_name(endpoint: Any) -> str:
+    """Return the full name of the node of a publisher or subscription.
+
+    DDS reports the node name shortly after the endpoint, and never for non-ROS participants.
+    """
+    name = f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}"
+    return "an unknown node" if "_UNKNOWN_" in name else name
+
+
+def too_many(topic: str, names: list[str], limit: int, role: str) -> str:
+    """Return a text if a topic has more than ``limit`` publishers, otherwise an empty text.
+
+    Args:
+        topic: its full name.
+        names: full names of the nodes that publish it, one for each publisher.
+        limit: number of publishers allowed.
+        role: what only these publishers may do, as in "only one may own time".
+    """
+    if len(names) <= limit:
+        return ""
+    allowed = "one" if limit == 1 else str(limit)
+    return f"{len(names)} publishers of {topic}, only {allowed} may {role}: {', '.join(names)}"
+
+
+class ClockWatch:
+    """Detects faults of the clock of one node, and provides a time that runs on while two clocks contradict each other.
+
+    Two clocks are detected by the number of publishers, and by the jumps, since a bridge may forward two clocks as one
+    publisher.
+    """
+
+    def __init__(self, node: Node) -> None:
+        """Watch the clock of ``node``; ``use_sim_time`` may change later."""
+        self._node = node
+        self.problem = ""
+        """what is wrong with /clock, in words; empty if nothing is"""
+        self.contradictory = False
+        """True if two clocks are the problem"""
+        self._logged, self._log_time = "", -_LOG_PERIOD
+        self._clock_found = time.monotonic()
+        self._jumps_back: deque[float] = deque(maxlen=_JUMPS)
+        self._jumped = False
+        self._standing: int | None = None
+        self._stood_since = 0.0
+        self._last: tuple[int, int] | None = None
+        self._offset = 0
+        threshold = JumpThreshold(min_forward=_FORWARD, min_backward=Duration(nanoseconds=-1), on_clock_change=False)
+        self._handle = node.get_clock().create_jump_callback(threshold, post_callback=self._on_jump)
+
+    @property
+    def level(self) -> int:
+        """Level of the problem in /diagnostics."""
+        return _ERROR if self.contradictory else _WARN if self.problem else _OK
+
+    @property
+    def is_simulated(self) -> bool:
+        """True if the node follows /clock."""
+        return bool(self._node.get_clock().ros_time_is_active)
+
+    @property
+    def is_unreliable(self) -> bool:
+        """True while two clocks contradict each other, and for a second after time has jumped back."""
+        self._check_after_jump()
+        return self.contradictory or self._has_jumped_back()
+
+    def standstill(self) -> float:
+        """Return the steady time [s] for which calls of this method have found the same simulated time."""
+        if not self.is_simulated:
+            return 0.0
+        ros, now = self._ros_time(), time.monotonic()
+        if ros != self._standing:
+            self._standing, self._stood_since = ros, now
+        return now - self._stood_since
+
+    def now(self) -> float:
+        """Return the node's time [s], which follows the steady clock while two clocks contradict each other."""
+        self._check_after_jump()
+        steady = time.monotonic_ns()
+        if self.contradictory:
+            return float((steady + self._offset) / NS_PER_S)
+        ros = self._ros_time()
+        self._last = ros, steady
+        return float(ros / NS_PER_S)
+
+    def check(self) -> None:
+        """Count the publishers of /clock and log a change of the problem; called once a second and after jumps."""
+        was_contradictory = self.contradictory
+        self.problem, self.contradictory = self._find_problem()
+        if self.contradictory and not was_contradictory:
+            ros, steady = self._last or (self._ros_time(), time.monotonic_ns())
+            self._offset = ros - steady
+        now = time.monotonic()
+        if self.problem != self._logged and now - self._log_time >= _LOG_PERIOD:
+            logger = self._node.get_logger()
+            if not self.problem:
+                logger.info("one publisher of /clock")
+            elif self.contradictory:
+                logger.error(self.problem)
+            else:
+                logger.warning(self.problem)
+            self._logged, self._log_time = self.problem, now
+
+    def _find_problem(self) -> tuple[str, bool]:
+        publishers = publisher_names(self._node, CLOCK_TOPIC)
+        now, simulated = time.monotonic(), self.is_simulated
+        if publishers or not simulated:
+            self._clock_found = now
+        if not simulated and all(publisher.topic_name != CLOCK_TOPIC for publisher in self._node.publishers):
+            return "", False
+        if text := too_many(CLOCK_TOPIC, publishers, 1, "own time"):
+            return text, True
+        if len(self._jumps_back) == _JUMPS and now - self._jumps_back[0] <= _WINDOW:
+            return f"time on /clock jumps to and fro, as with two clocks; its publisher: {', '.join(publishers)}", True
+        if self._has_jumped_back():
+            return "time on /clock jumped back", False
+        if now - self._clock_found >= GRACE:
+            return "use_sim_time is set, but nothing publishes /clock: time stands still", False
+        return "", False
+
+    def _ros_time(self) -> int:
+        # Clock.now() takes several times as long, and each command needs the time.
+        return int(self._node.get_clock().handle.get_now().nanoseconds)
+
+    def _has_jumped_back(self) -> bool:
+        return bool(self._jumps_back) and time.monotonic() - self._jumps_back[-1] < _SETTLE
+
+    def _check_after_jump(self) -> None:
+        if self._jumped:
+            self._jumped = False
+            self.check()
+
+    def _on_jump(self, jump: Any) -> None:
+        # rcl calls this while it updates the clock, so only set a flag.
+        self._jumped = True
+        if jump.delta.nanoseconds < 0:
+            self._jumps_back.append(time.monotonic())
+
+
+class PublisherWatch:
+    """Detects topics that have more publishers than allowed. Publishers count whether they send or not."""
+
+    def __init__(self, node: Node) -> None:
+        """Watch nothing yet; the topics are those that ``node`` resolves."""
+        self._node = node
+        self.problem = ""
+        """topics with too many publishers, in words; empty if there are none"""
+        self._owned: dict[str, tuple[str, int]] = {}
+        """role and limit by full topic name"""
+        self._reported: dict[str, str] = {}
+        self._since: dict[str, float] = {}
+        self.level = _OK
+        """level of the problem in /diagnostics: WARN while the surplus publishers may be those of a killed process"""
+
+    def watch(self, topic: str, role: str, limit: int = 1) -> None:
+        """Watch one more topic, or the same one with another limit.
+
+        Args:
+            topic: as the node names it; remapped as its publishers and subscriptions are.
+            role: what only the allowed publishers may do, see :func:`too_many`.
+            limit: how many publishers are allowed, the node's own included.
+        """
+        self._owned[self._node.resolve_topic_name(topic)] = role, limit
+
+    def check(self, active: bool = True) -> None:
+        """Count publishers and log each change; called once a second.
+
+        Args:
+            active: False for a node that leaves its topics to others, and so has no problem with them.
+        """
+        found, level, now = {}, _OK, time.monotonic()
+        for topic, (role, limit) in self._owned.items() if active else ():
+            names = publisher_names(self._node, topic)
+            if not (text := too_many(topic, names, limit, role)):
+                continue
+            since = self._since.setdefault(topic, now)
+            may_be_killed = len(set(names)) <= limit and now - since <= 1.5 * LEASE
+            found[topic] = text + f" (one that was killed still counts for {LEASE:g} s)" * may_be_killed
+            level = max(level, _WARN if may_be_killed else _ERROR)
+        self._log(found)
+        self._since = {topic: since for topic, since in self._since.items() if topic in found}
+        self.problem, self.level = "; ".join(found.values()), level
+
+    def _log(self, found: dict[str, str]) -> None:
+        logger = self._node.get_logger()
+        for topic, text in found.items():
+            if text != self._reported.get(topic):
+                logger.error(text)
+        for topic in self._reported.keys() - found.keys():
+            logger.info(f"{topic}: no more publishers than allowed")
+        self._reported = found

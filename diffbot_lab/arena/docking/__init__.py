@@ -1,1 +1,0 @@
-"""Docking, beside Nav2's docking server."""

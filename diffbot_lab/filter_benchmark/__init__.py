@@ -1,1 +1,0 @@
-"""The filters side by side on the same simulated drives."""

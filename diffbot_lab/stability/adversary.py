@@ -1,0 +1,253 @@
+"""Bounds of r* from below: errors within the contract that are chosen to keep the robot away from the goal.
+
+Two adversaries play against the library's own step. The greedy one knows the true state. In each step it tries corners,
+middles of sides and the middle of the errors, and takes those whose next state scores highest: the distance plus a
+weighted sum of even functions of alpha and beta, whose weights are searched by the cross-entropy method. The drifting
+one plays against Omega_L: it sends the robot to and fro between the ends of the position error, each way with the
+heading error that shifts the robot aside, so that the robot never seems to rest. Another adversary may do better.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from diffbot_control.law.regions import OMEGA_L, Switching, entering_radius, leaving_radius
+from diffbot_control.law.steering import navigation_variables
+from diffbot_control.law.switching import SwitchingMemory, new_memory
+from diffbot_core.errors import DiffbotError
+from diffbot_core.files import output_folder, write_json
+from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import Twist
+from diffbot_lab.stability.certificates import report
+from diffbot_lab.stability.compiled import compile_bounds
+from diffbot_lab.stability.file import Certificate, load_certificate
+from diffbot_lab.stability.runs import ERRORS, ContractLoop, drive, loop_of, next_pose, sample, sigma_at
+
+Array = NDArray[np.float64]
+
+FEATURES = 9
+STEPS, WARM_UP, WINDOW = 600, 150, 75
+"""Steps of a trajectory, steps before it counts, and steps within which the robot has to be brought back."""
+_CANDIDATES = 9 * 3 * 4
+"""position errors on a 3 x 3 grid, three errors of the heading, +-1 for each wheel"""
+_GENERATIONS, _POPULATION, _ELITE = 40, 48, 0.15
+"""Generations of the search, trajectories in each, and the share of them that the next generation follows."""
+_START = 0.3
+"""[m] the greedy adversary starts within it, in x and in y"""
+_ALONG = 0.6
+"""share of the position error along the axis of a drift; the rest of the disc is lateral"""
+_TURN_BACK = 0.3
+"""share of the error of x at which the robot is sent back, before the command becomes as small as at rest"""
+_AHEAD = 0.03
+"""[m] before the leaving radius, where the drifting adversary starts to show a smaller lateral error"""
+_DRIFT_STEPS = 200_000
+_AFTERWARDS = 20
+"""steps of a random run after the certified time"""
+
+
+class Attack(NamedTuple):
+    """The best weights that were found."""
+
+    distance: float
+    """[m] distance from the goal that is reached in every window"""
+    weights: Array
+    """(FEATURES,) of the score"""
+
+
+def score(pose: Pose, weights: Any) -> float:
+    """Return how good a state is for the greedy adversary."""
+    rho, alpha, beta = navigation_variables(pose)
+    value: float = (
+        rho
+        + weights[0] * math.cos(alpha)
+        + weights[1] * math.cos(2.0 * alpha)
+        + weights[2] * math.cos(beta)
+        + weights[3] * math.cos(2.0 * beta)
+        + weights[4] * math.sin(alpha) * math.sin(beta)
+        + weights[5] * math.sin(2.0 * alpha) * math.sin(beta)
+        + weights[6] * math.cos(alpha) * math.cos(beta)
+        + weights[7] * math.sin(alpha) * math.sin(2.0 * beta)
+        + weights[8] * math.cos(4.0 * alpha)
+    )
+    return value
+
+
+def _fill_path(loop: ContractLoop, start: Any, weights: Any, path: Any) -> None:
+    """Fill ``path`` (steps, 3) with the poses under the greedy adversary; the base's own error leads away."""
+    pose, memory, errors = Pose(start[0], start[1], start[2]), new_memory(), np.empty(ERRORS)
+    for step in range(len(path)):
+        best, best_pose, best_memory = -math.inf, pose, memory
+        rho = max(math.hypot(pose.x, pose.y), 1e-9)
+        errors[5], errors[6] = pose.x / rho, pose.y / rho
+        for candidate in range(_CANDIDATES):
+            errors[0], errors[1] = candidate % 3 - 1.0, candidate // 3 % 3 - 1.0
+            errors[2] = candidate // 9 % 3 - 1.0
+            errors[3], errors[4] = 2.0 * (candidate // 27 % 2) - 1.0, 2.0 * (candidate // 54) - 1.0
+            errors[7] = 0.5 * (errors[4] - errors[3])
+            after, after_memory, _ = next_pose(loop, pose, memory, sigma_at(loop, pose), errors)
+            value = score(after, weights)
+            if value > best:
+                best, best_pose, best_memory = value, after, after_memory
+        pose, memory = best_pose, best_memory
+        path[step, 0], path[step, 1], path[step, 2] = pose.x, pose.y, pose.theta
+
+
+_path_kernel = compile_bounds(_fill_path)
+
+
+def recurrent_distance(path: Array) -> float:
+    """Return the distance [m] that poses (steps, 3) reach in every window of WINDOW steps after the warm-up."""
+    rho = np.hypot(path[WARM_UP:, 0], path[WARM_UP:, 1])
+    windows = np.lib.stride_tricks.sliding_window_view(rho, WINDOW)
+    return float(windows.max(axis=1).min())
+
+
+def search(
+    loop: ContractLoop,
+    seed: int,
+    generations: int = _GENERATIONS,
+    population: int = _POPULATION,
+    each: Callable[[float], object] | None = None,
+) -> Attack:
+    """Search the weights of the greedy adversary.
+
+    Args:
+        loop: law, contract and period.
+        seed: of starts and weights.
+        generations: of the search.
+        population: trajectories in each of them.
+        each: called after each generation with the best distance so far.
+    """
+
+    def play(start: Array, weights: Array) -> float:
+        path = np.empty((STEPS, 3))
+        _path_kernel(loop, start, weights, path)
+        return recurrent_distance(path)
+
+    rng = np.random.default_rng(seed)
+    mean, deviation = np.zeros(FEATURES), np.full(FEATURES, 0.5)
+    best = Attack(0.0, mean)
+    play(np.array([_START, 0.0, 0.0]), mean)  # compiles before the threads start
+    with ThreadPoolExecutor() as pool:
+        for _ in range(generations):
+            weights = mean + deviation * rng.standard_normal((population, FEATURES))
+            weights[0] = best.weights
+            starts = rng.uniform(-1.0, 1.0, (population, 3)) * np.array([_START, _START, math.pi])
+            distances = np.array(list(pool.map(play, starts, weights)))
+            order = np.argsort(-distances)
+            elite = weights[order[: max(3, int(_ELITE * population))]]
+            mean, deviation = elite.mean(axis=0), 0.8 * elite.std(axis=0) + 0.02
+            if distances[order[0]] > best.distance:
+                best = Attack(float(distances[order[0]]), weights[order[0]])
+            if each is not None:
+                each(best.distance)
+    return best
+
+
+def _drift(loop: ContractLoop, start: Pose, memory: SwitchingMemory, leaving: float, steps: int) -> tuple[float, float]:
+    """Send the robot to and fro until Omega_L ends; return the farthest distance [m] and the time [s] until then.
+
+    Args:
+        loop: law, contract and period.
+        start: true pose in Omega_L, near the goal.
+        memory: of the law there.
+        leaving: [m] measured distance beyond which Omega_L ends.
+        steps: at most.
+    """
+    pose, errors, turn_back = start, np.zeros(ERRORS), _TURN_BACK * _ALONG * loop.contract.eps_position
+    farthest, when = math.hypot(start.x, start.y), 0.0
+    for number in range(steps):
+        direction = math.copysign(1.0, memory.command.v)
+        if direction * pose.x > turn_back:
+            direction = -direction
+        errors[0], errors[2] = -direction * _ALONG, -direction
+        errors[1] = 0.0 if pose.y < leaving - _AHEAD else -math.sqrt(1.0 - _ALONG**2)
+        pose, memory, _ = next_pose(loop, pose, memory, loop.contract.sigma_max, errors)
+        if memory.switching.region != OMEGA_L:
+            break
+        distance = math.hypot(pose.x, pose.y)
+        if distance > farthest:
+            farthest, when = distance, (number + 1) * loop.period
+    return farthest, when
+
+
+_drift_kernel = compile_bounds(_drift)
+
+
+def drift_of(loop: ContractLoop) -> tuple[float, float]:
+    """Return how far [m], and in which time [s], a drift leads from the edge of where Omega_L may be entered."""
+    sigma, tolerance = loop.contract.sigma_max, loop.law.config.tolerance
+    start = Pose(0.0, entering_radius(sigma, tolerance) + loop.contract.eps_position, 0.0)
+    memory = new_memory()._replace(switching=Switching(OMEGA_L, 1, 0.0), command=Twist(0.1, 0.0))
+    farthest, when = _drift_kernel(loop, start, memory, leaving_radius(sigma, tolerance), _DRIFT_STEPS)
+    return float(farthest), float(when)
+
+
+def run_adversary(path: Path, steps: int, trajectories: int, seed: int, out: Path) -> int:
+    """Attack a certificate with chosen errors, and compare it with runs under random errors.
+
+    Args:
+        path: of the certificate.
+        steps: with random errors from drawn memories, at least.
+        trajectories: with random errors from all over the start.
+        seed: of both.
+        out: folder for adversary.json.
+
+    Raises:
+        DiffbotError: if the certificate is refuted, after writing the file, or it cannot be written.
+    """
+    certificate = load_certificate(path)
+    claims, plan, loop = certificate.claims, certificate.plan, loop_of(certificate)
+    with output_folder(out):
+        with tqdm(desc="adversary", total=_GENERATIONS, unit="generation", disable=None) as bar:
+            attack = search(loop, seed, each=lambda _: bar.update())
+        drifted = drift_of(loop)[0]
+        distance = max(attack.distance, drifted)
+        observed = _observed(certificate, steps, trajectories, seed)
+        result = {
+            "certified": claims._asdict() | {"time": claims.steps * plan.period},
+            "adversary": {
+                "distance": distance,
+                "again_and_again": attack.distance,
+                "drift": drifted,
+                "weights": attack.weights.tolist(),
+            },
+            "certified_over_adversary": claims.radius / distance,
+            "observed": observed,
+            "plan": {**plan._asdict(), "contract": plan.contract._asdict()},
+            "law": certificate.law,
+            "seed": seed,
+        }
+        write_json(out / "adversary.json", result)
+    print(report(certificate))
+    print(json.dumps({key: result[key] for key in ("certified_over_adversary", "observed")}))
+    print(f"An adversary brings the robot to {distance:.3f} m.\n{out / 'adversary.json'}")
+    left_core, late = observed["left_core"], observed["late"]
+    if left_core or late or distance > claims.radius:
+        raise DiffbotError(f"{path}: refuted, {left_core} steps left the core, {late} trajectories were late")
+    return 0
+
+
+def _observed(certificate: Certificate, steps: int, trajectories: int, seed: int) -> dict[str, float]:
+    """Count what runs with random errors do."""
+    length = certificate.claims.steps + _AFTERWARDS
+    runs, ends = drive(certificate, trajectories, certificate.claims.start, length, seed, any_memory=False)
+    drawn = sample(certificate, steps, seed + 1)
+    return {
+        "steps_from_core": runs.from_core + drawn.from_core,
+        "left_core": runs.left_core + drawn.left_core,
+        "departures": runs.departures + drawn.departures,
+        "trajectories": trajectories,
+        "late": runs.broken + drawn.broken,
+        "longest": runs.longest,
+        "farthest": float(np.hypot(ends[:, 0], ends[:, 1]).max()),
+    }

@@ -1,1 +1,0 @@
-"""Checks certificates, with formulas and rounding of its own: no code of what makes them."""

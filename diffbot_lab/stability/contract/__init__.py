@@ -1,1 +1,0 @@
-"""How often the filter keeps the contract that a certificate assumes."""

@@ -1,0 +1,309 @@
+"""Encloses one step of the loop by interval arithmetic, for the maker of certificates.
+
+An interval is a pair of arrays (low, high). The robot is at a distance rho from the goal, whose bearing is alpha in the
+robot's frame and beta in the goal's frame, all as of the leading end. A step with the rotation z moves the base along a
+chord u, which points z / 2 to the left. With psi = alpha - z / 2, the angle from the chord to the goal,
+
+    rho' exp(i tau) = rho - u cos(psi) + i u sin(psi),   alpha' = alpha - z + tau,   beta' = beta + tau
+
+Nothing here is trusted: a step that leaves its enclosure leads to a certificate that the checker refuses. The checker
+shares no code with this module.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diffbot_control.law.regions import leaving_radius
+from diffbot_control.law.steering import ARRIVAL_SHARE, BEARING_FADE, BEARING_WEIGHT
+from diffbot_lab.stability.plan import Plan, Requests
+
+Array = NDArray[np.float64]
+Interval = tuple[Any, Any]
+
+PADDING = 2e-5
+"""[m] and [rad] by which an image is widened on each side, far more than the rounding of the maker and of the law"""
+_COLUMNS = 2
+"""columns of alpha in a slice of the measured bearing"""
+_OVERLAP = 0.2
+"""columns by which a slice is wider on each side: more than the slices in the smallest parts into which the
+checker splits a cell, so that the checker finds no image that the maker did not count"""
+
+
+class MakerLoop(NamedTuple):
+    """Law, contract and base of a robot within some distance of the goal."""
+
+    brake: float
+    """[m/s^2]"""
+    react: float
+    """[s] with the smallest reported deviation ..."""
+    slow_react: float
+    """[s] ... and with the largest one"""
+    turn_brake: float
+    """[rad/s^2]"""
+    turn_react: float
+    """[s]"""
+    weight: float
+    """[-] of beta"""
+    v_max: float
+    """[m/s]"""
+    omega_max: float
+    """[rad/s]"""
+    rim: float
+    """[m/s] bound of |v| + half |omega|"""
+    half: float
+    """[m] half the wheel separation"""
+    leaving: float
+    """[m] largest measured distance in Omega_L"""
+    eps_rho: float
+    """[m]"""
+    eps_theta: float
+    """[rad]"""
+    noise: float
+    """[-] relative error of each wheel's speed"""
+    beside: float
+    """[m] by which the base misses the end of the requested step, beyond the errors of the wheels"""
+    eps_omega: float
+    """[rad/s]"""
+    t_s: float
+    """[s]"""
+
+
+def maker_loop(requests: Requests, plan: Plan) -> MakerLoop:
+    """Return the loop of a law under a plan whose contract has constant bounds."""
+    (config, gains), contract = requests, plan.contract
+    sheet, tolerance = config.data_sheet, config.tolerance
+    arriving = max(config.sigma_known, ARRIVAL_SHARE * tolerance.xy_goal_tolerance)
+    return MakerLoop(
+        brake=gains.brake,
+        react=gains.react,
+        slow_react=gains.react * max(contract.sigma_max / arriving, 1.0) ** 2,
+        turn_brake=gains.turn_brake,
+        turn_react=gains.turn_react,
+        weight=BEARING_WEIGHT,
+        v_max=sheet.v_max,
+        omega_max=sheet.omega_max,
+        rim=sheet.wheel_max * sheet.wheels.wheel_radius,
+        half=0.5 * sheet.wheels.wheel_separation,
+        leaving=leaving_radius(contract.sigma_max, tolerance),
+        eps_rho=contract.eps_position,
+        eps_theta=contract.eps_theta,
+        noise=contract.wheel_error,
+        beside=contract.eps_v * plan.period,
+        eps_omega=contract.eps_omega,
+        t_s=plan.period,
+    )
+
+
+def longest_near(loop: MakerLoop, measured: float) -> float:
+    """Longest step [m] towards a goal that is measured within a distance [m], with any rotation."""
+    v = min(float(_braking(measured, loop.brake, loop.react)), loop.v_max)
+    return loop.t_s * (v + loop.noise * max(v, loop.half * loop.omega_max)) + loop.beside + PADDING
+
+
+def local_reach(loop: MakerLoop) -> float:
+    """Largest true distance [m] after a step in Omega_L."""
+    return loop.leaving + loop.eps_rho + longest_near(loop, loop.leaving)
+
+
+def _braking(distance: Any, brake: float, react: float) -> Any:
+    """Speed from which the robot stops within a distance if it reacts after ``react`` [s]."""
+    return 2.0 * distance / (react + np.sqrt(react**2 + 2.0 * distance / brake))
+
+
+def _times(a: Interval, b: Interval) -> Interval:
+    products = a[0] * b[0], a[0] * b[1], a[1] * b[0], a[1] * b[1]
+    return np.minimum.reduce(np.broadcast_arrays(*products)), np.maximum.reduce(np.broadcast_arrays(*products))
+
+
+def _cosine(a: Interval) -> Interval:
+    """Cosine: 1 at an even multiple of pi inside, -1 at an odd one."""
+    one, other = np.cos(a[0]), np.cos(a[1])
+    first, last = np.ceil(a[0] / math.pi), np.floor(a[1] / math.pi)
+    even, odd = 2.0 * np.ceil(0.5 * first) <= last, 2.0 * np.ceil(0.5 * (first - 1.0)) + 1.0 <= last
+    return np.where(odd, -1.0, np.minimum(one, other)), np.where(even, 1.0, np.maximum(one, other))
+
+
+def _size(a: Interval) -> Interval:
+    """Absolute value."""
+    one, other = np.abs(a[0]), np.abs(a[1])
+    return np.where((a[0] <= 0.0) & (a[1] >= 0.0), 0.0, np.minimum(one, other)), np.maximum(one, other)
+
+
+def _sinc(a: Interval) -> Interval:
+    """sin(a) / a, which falls with |a| up to pi."""
+    near, far = _size(a)
+    return np.sinc(far / math.pi), np.sinc(near / math.pi)
+
+
+class Slices(NamedTuple):
+    """Cells of one column of alpha whose bearing is measured in one interval; arrays (slices, 1)."""
+
+    column: NDArray[np.int64]
+    alpha: Interval
+    """[rad] true bearing"""
+    seen: Interval
+    """[rad] measured bearing, within +-pi"""
+    off: Interval
+    """[rad] error of the measured direction of the goal"""
+
+
+def slices_of(loop: MakerLoop, rho: float, alphas: int) -> Slices:
+    """Cut what may be measured in the columns with alpha >= 0.
+
+    Args:
+        loop: of the contract there.
+        rho: [m] nearest distance of the row, more than ``eps_rho``.
+        alphas: columns all around, a multiple of 4, so that no slice contains the jump of the law at pi.
+    """
+    width, widest = 2.0 * math.pi / alphas, math.asin(loop.eps_rho / rho)
+    reach, cut = widest + loop.eps_theta, 2.0 * math.pi / alphas * _COLUMNS
+    column = np.arange(alphas // 2)[:, None]
+    low, high = column * width, (column + 1) * width
+    number = np.floor((low - reach) / cut) + np.arange(math.ceil((width + 2.0 * reach) / cut) + 1)
+    p = np.maximum(number * cut - _OVERLAP * width, low - reach)
+    q = np.minimum((number + 1.0) * cut + _OVERLAP * width, high + reach)
+    off = np.maximum(p - high - loop.eps_theta, -widest), np.minimum(q - low + loop.eps_theta, widest)
+    alpha = np.maximum(low, p - reach), np.minimum(high, q + reach)
+    turned = 2.0 * math.pi * np.round((number + 0.5) * cut / (2.0 * math.pi))
+    seen = np.clip(p - turned, -math.pi, math.pi), np.clip(q - turned, -math.pi, math.pi)
+    held = p < q
+
+    def kept(a: Any) -> Any:
+        return np.broadcast_to(a, held.shape)[held][:, None]
+
+    pairs = [(kept(a), kept(b)) for a, b in (alpha, seen, off)]
+    return Slices(kept(column), *pairs)
+
+
+def _measured_distance(loop: MakerLoop, rho: Interval, off: Interval) -> Interval:
+    """Distance [m] of the measured goal, which lies in a disc about the true one, in a direction that is off."""
+    least = _size(off)[0]
+    chord = np.sqrt(np.maximum(loop.eps_rho**2 - (rho[0] * np.sin(least)) ** 2, 0.0))
+    return rho[0] * np.cos(least) - chord, rho[1] * np.cos(least) + chord
+
+
+def _scale(loop: MakerLoop, phi: Any, turn: Any, speed: Any) -> Any:
+    """Return the largest s in [0, 1] for which (s speed, phi + s turn) keeps the bounds of a turn to the left."""
+    s = np.ones(1)
+    for room, rate in (
+        (loop.omega_max - phi, turn),
+        (loop.rim - loop.half * phi, speed + loop.half * turn),
+    ):
+        free = np.maximum(room, 0.0)
+        s = np.minimum(s, np.where(rate > free, free / np.maximum(rate, 1e-300), 1.0))
+    return s
+
+
+def _command(loop: MakerLoop, rho: Interval, alpha: Interval, beta: Interval) -> tuple[Interval, Interval]:
+    """Speed [m/s] and rotation [rad/s] that the law requests for measured values."""
+    near, far = rho
+    slowest = np.minimum(_braking(far, loop.brake, loop.slow_react), loop.v_max)
+    fastest = np.minimum(_braking(near, loop.brake, loop.react), loop.v_max)
+    phi = tuple(
+        np.copysign(np.minimum(_braking(np.abs(a), loop.turn_brake, loop.turn_react), loop.omega_max), a) for a in alpha
+    )
+    speed = (
+        np.minimum(_braking(near, loop.brake, loop.slow_react), loop.v_max),
+        np.minimum(_braking(far, loop.brake, loop.react), loop.v_max),
+    )
+    cosine = _cosine(alpha)
+    v = _times(speed, cosine)
+    weight = loop.weight * np.minimum(near / BEARING_FADE, 1.0), loop.weight * np.minimum(far / BEARING_FADE, 1.0)
+    aside = _times(weight, beta)
+    rate = _times((slowest / far, fastest / near), _times(cosine, _sinc(alpha)))
+    turn = _times(rate, (alpha[0] + aside[0], alpha[1] + aside[1]))
+    slow, fast = _size(v)
+    low = np.minimum(_scale(loop, phi[1], turn[1], fast), _scale(loop, -phi[0], -turn[0], fast))
+    high = np.minimum(_scale(loop, phi[0], turn[0], slow), _scale(loop, -phi[1], -turn[1], slow))
+    v, turn = _times(v, (low, high)), _times(turn, (low, high))
+    omega = np.maximum(phi[0] + turn[0], -loop.omega_max), np.minimum(phi[1] + turn[1], loop.omega_max)
+    most = loop.rim - loop.half * _size(omega)[0]
+    return (np.maximum(v[0], -most), np.minimum(v[1], most)), omega
+
+
+def _square(rho: Any, u: Any, cosine: Any) -> Any:
+    """Square of the distance [m^2] after a chord u."""
+    return rho**2 - 2.0 * rho * u * cosine + u**2
+
+
+def _moved(loop: MakerLoop, states: tuple[Interval, ...], v: Interval, omega: Interval) -> list[Any]:
+    """Sides of boxes (rho, alpha, beta) after a step, not wrapped; rho < 0 where there is no bound."""
+    rho, alpha, beta = states
+    error = loop.noise * np.maximum(_size(v)[1], loop.half * _size(omega)[1])
+    turned = error / loop.half + loop.eps_omega
+    z = loop.t_s * (omega[0] - turned), loop.t_s * (omega[1] + turned)
+    chord = loop.t_s * (v[0] - error), loop.t_s * (v[1] + error)
+    u = _times(chord, _sinc((0.5 * z[0], 0.5 * z[1])))
+    psi = alpha[0] - 0.5 * z[1], alpha[1] - 0.5 * z[0]
+    cosine = _cosine(psi)
+    along = _times(u, cosine)
+    aside = _times(u, _cosine((psi[0] - 0.5 * math.pi, psi[1] - 0.5 * math.pi)))
+    low, high = rho[0] - along[1], rho[1] - along[0]
+    tau = (
+        np.arctan2(aside[0], np.where(aside[0] < 0.0, low, high)),
+        np.arctan2(aside[1], np.where(aside[1] > 0.0, low, high)),
+    )
+    # rho'^2 = rho^2 - 2 rho u cos(psi) + u^2 rises with rho, is linear in the cosine and convex in u.
+    far = np.sqrt(np.maximum.reduce([_square(rho[1], end, c) for end in u for c in cosine])) + loop.beside
+    feet = [_square(rho[0], np.clip(rho[0] * c, *u), c) for c in cosine]
+    bounded = (low > 0.0) & (np.maximum(np.abs(z[0]), np.abs(z[1])) < math.pi)
+    near = np.where(bounded, np.sqrt(np.minimum.reduce(feet)) - loop.beside, -1.0)
+    # The direction of what lies beside the end of the chord, seen from the goal.
+    angle = np.arcsin(np.clip(loop.beside / (near + loop.beside), 0.0, 1.0))
+    return [
+        near,
+        far,
+        alpha[0] - z[1] + tau[0] - angle,
+        alpha[1] - z[0] + tau[1] + angle,
+        beta[0] + tau[0] - angle,
+        beta[1] + tau[1] + angle,
+    ]
+
+
+class Boxes(NamedTuple):
+    """Images of the cells of a row."""
+
+    boxes: NDArray[np.float32]
+    """(n, 6) bounds of rho [m], alpha and beta [rad], not wrapped, widened by PADDING"""
+    start: NDArray[np.int64]
+    """(cells + 1,) the first image of each cell"""
+
+
+def boxes_of_row(loop: MakerLoop, rho: Interval, alphas: int, betas: int) -> Boxes | None:
+    """Return the images of the cells of a row under one step of Omega_G; None if they have no bound.
+
+    Args:
+        loop: of the contract in this row.
+        rho: [m] edges of the row.
+        alphas: columns of alpha all around; the half with alpha >= 0 is meant.
+        betas: columns of beta.
+    """
+    slices = slices_of(loop, rho[0], alphas)
+    seen_rho = _measured_distance(loop, rho, slices.off)
+    edges = -math.pi + 2.0 * math.pi / betas * np.arange(betas + 1.0)
+    found, cells = [], []
+    for turns in (-1, 0, 1):
+        low = np.maximum(edges[:-1] + slices.off[0] - 2.0 * math.pi * turns, -math.pi)
+        high = np.minimum(edges[1:] + slices.off[1] - 2.0 * math.pi * turns, math.pi)
+        columns = np.flatnonzero((low < high).any(axis=0))
+        if not len(columns):
+            continue
+        held = (low < high)[:, columns]
+        commands = _command(loop, seen_rho, slices.seen, (low[:, columns], high[:, columns]))
+        beta = edges[columns], edges[columns + 1]
+        sides = _moved(loop, (rho, slices.alpha, beta), *commands)
+        boxes = np.stack([np.broadcast_to(side, held.shape)[held] for side in sides], axis=1)
+        if not boxes[:, 0].min() > 0.0:
+            return None
+        found.append(boxes)
+        cells.append((slices.column * betas + columns)[held])
+    cell = np.concatenate(cells)
+    order = np.argsort(cell, kind="stable")
+    widened = np.concatenate(found)[order] + PADDING * np.array([-1.0, 1.0] * 3)
+    counts = np.bincount(cell, minlength=alphas // 2 * betas)
+    return Boxes(widened.astype(np.float32), np.concatenate(([0], np.cumsum(counts))))

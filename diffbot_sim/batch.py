@@ -1,0 +1,202 @@
+"""Many closed loops, compiled from the functions that the nodes call.
+
+A run is named by (seed, run) and depends on nothing else, so results are the same to the bit in any chunking, order and
+number of workers.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from threading import Lock
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diffbot_control.law.law import Law
+from diffbot_control.law.switching import SwitchingLaw
+from diffbot_core.errors import InvalidValueError
+from diffbot_core.geometry import Pose, wrap_angle
+from diffbot_sim.config import SensorConfig
+from diffbot_sim.fusion import Robot, borrowed, new_recent, referred
+from diffbot_sim.jit import compile_kernel, law_version, one_compiler
+from diffbot_sim.noise import NoiseSource, uniform
+from diffbot_sim.outcome import Outcome
+from diffbot_sim.robot_step import FEEDBACKS, HISTORY_COLUMNS, TRUTH_CODE, Case, check_robot, make_loop
+from diffbot_sim.sensors import purposes_of
+
+_log = logging.getLogger(__name__)
+
+Array = NDArray[np.float64]
+
+COLUMNS = Outcome._fields
+_CHUNK, _LONG_CHUNK = 128, 16
+"""Runs that a thread does at a time, without and with histories."""
+
+
+class Starts(NamedTuple):
+    """Where runs begin, in map: run i starts at a random pose in the box about row i modulo the number of rows."""
+
+    poses: Array
+    """(n, 3) rows x, y, theta"""
+    half: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """half widths of the box [m, m, rad]"""
+
+
+def check_case(case: Case, starts: Starts) -> None:
+    """Refuse what the batch does not support.
+
+    Raises:
+        InvalidValueError: see :func:`check_robot`; for less than one step; for no start.
+    """
+    check_robot(case.robot, case.history_length)
+    if case.steps < 1:
+        raise InvalidValueError("steps", case.steps, ">= 1")
+    if starts.poses.ndim != 2 or starts.poses.shape[1:] != (3,) or len(starts.poses) == 0:
+        raise InvalidValueError("starts", starts.poses.shape, "(n, 3) with n >= 1")
+
+
+def _make_fill(law: type[Law], feedback: int) -> Callable[..., None]:
+    """Return the function that fills outcomes and histories of some runs under a law, with a code of FEEDBACKS."""
+    run_loop = make_loop(law, feedback)
+
+    def fill(case: Case, recent: Any, begins: Any, noise: Any, outcomes: Any, histories: Any) -> None:
+        shared, numbers, rows = referred(recent), borrowed(noise), borrowed(histories)
+        robot = Robot(case.robot.plant, case.robot.sensors, case.robot.filter, borrowed(case.robot.landmarks))
+        own = Case(robot, *case[1:])
+        for index in range(len(outcomes)):
+            begin = Pose(begins[index, 0], begins[index, 1], begins[index, 2])
+            outcome, row = run_loop(own, shared, numbers[index], begin, rows[index]), outcomes[index]
+            for column, value in enumerate(outcome):
+                row[column] = value
+
+    # Compiled functions of the same name and types are taken for one another if they come from the cache.
+    fill.__qualname__ = f"fill_{law.name}_{FEEDBACKS[feedback]}"
+    return fill
+
+
+class _Kernels:
+    """Compiled kernels by law and feedback, and the plain functions of laws that do not compile."""
+
+    def __init__(self) -> None:
+        self._kernels: dict[tuple[int, int], tuple[type[Law], Any]] = {}
+        self._lock = Lock()
+
+    def kernel(self, law: type[Law], feedback: int, example: tuple[Any, ...]) -> Any:
+        """Return the kernel of a law with a feedback, compiled for arguments like ``example``, which has no runs.
+
+        If numba cannot compile it, the kernel is plain Python, which is logged once.
+        """
+        with self._lock:
+            _, kernel = self._kernels.get((id(law), feedback), (law, None))
+            if kernel is None:
+                kernel = compile_kernel(_make_fill(law, feedback), law_version(law))
+            if hasattr(kernel, "py_func") and tuple(map(kernel.typeof_pyval, example)) not in kernel.overloads:
+                try:
+                    with one_compiler(law_version(law)):
+                        kernel(*example)  # compiles, and runs nothing
+                except Exception as error:  # not all of numba's errors have a base in common
+                    kernel, reason = kernel.py_func, _first_line(error)
+                    _log.warning("law %s runs as plain Python, numba cannot compile it: %s", law.name, reason)
+            self._kernels[id(law), feedback] = law, kernel
+            return kernel
+
+
+def _first_line(error: Exception) -> str:
+    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    return next((line for line in lines if not line.startswith(("Failed in", "-"))), type(error).__name__)
+
+
+_kernels = _Kernels()
+
+
+def run_batch(
+    case: Case,
+    starts: Starts,
+    seed: int,
+    first: int,
+    count: int,
+    threads: int | None = None,
+    law: type[Law] = SwitchingLaw,
+) -> Array:
+    """Do the runs ``first`` to ``first + count - 1`` under ``seed``.
+
+    Args:
+        case: what all runs share.
+        starts: where they begin.
+        seed: of all noise.
+        first: number of the first run.
+        count: how many.
+        threads: how many at a time; None for one on each core.
+        law: that drives; ``case.controller`` is of its Config.
+
+    Returns:
+        (count, 12), a row per run, columns as COLUMNS.
+
+    Raises:
+        InvalidValueError: see :func:`check_case`.
+    """
+    return _filled(law, case, starts, seed, range(first, first + count), threads, with_histories=False)[0]
+
+
+def run_histories(
+    case: Case,
+    starts: Starts,
+    seed: int,
+    first: int,
+    count: int,
+    threads: int | None = None,
+    law: type[Law] = SwitchingLaw,
+) -> Array:
+    """Do runs as :func:`run_batch`; return histories (count, steps + 1, 12), see robot_step.HISTORY_COLUMNS."""
+    return _filled(law, case, starts, seed, range(first, first + count), threads, with_histories=True)[1]
+
+
+def _filled(
+    law: type[Law], case: Case, starts: Starts, seed: int, runs: range, threads: int | None, *, with_histories: bool
+) -> tuple[Array, Array]:
+    """Return outcomes and histories; without histories these have no rows, so that one kernel serves both."""
+    check_case(case, starts)
+    outcomes: Array = np.empty((len(runs), len(COLUMNS)))
+    histories: Array = np.empty((len(runs), case.steps + 1 if with_histories else 0, len(HISTORY_COLUMNS)))
+    sensors = SensorConfig(fix_rate=0.0) if case.feedback == TRUTH_CODE else case.robot.sensors
+    purposes = purposes_of(sensors, len(case.robot.landmarks), case.robot.plant.slip_noise)
+    none = np.empty((0, 3)), np.empty((0, 1, 1, 4))
+    kernel = _kernels.kernel(law, case.feedback, (case, new_recent(case.robot), *none, outcomes[:0], histories[:0]))
+
+    size = max(min(_LONG_CHUNK if with_histories else _CHUNK, len(runs)), 1)
+
+    def do(chunks: list[range]) -> None:
+        source, recent = NoiseSource(), new_recent(case.robot)
+        noise = np.empty((size, max(purposes) + 1, case.steps + 1, 4))
+        for chunk in chunks:
+            for index, run in enumerate(chunk):
+                source.rows(seed, run, 0, noise[index], purposes)
+            begins = np.array([start_pose(source, starts, seed, run) for run in chunk])
+            rows = slice(chunk.start - runs.start, chunk.stop - runs.start)
+            kernel(case, recent, begins, noise, outcomes[rows], histories[rows])
+
+    in_threads(do, [runs[at : at + size] for at in range(0, len(runs), size)], threads)
+    return outcomes, histories
+
+
+def start_pose(source: NoiseSource, starts: Starts, seed: int, run: int) -> Pose:
+    """Return where a run begins."""
+    row, half = starts.poses[run % len(starts.poses)], starts.half
+    if half == (0.0, 0.0, 0.0):
+        return Pose(*row.tolist())
+    x, y, theta = (
+        value + uniform(u, bound) for value, u, bound in zip(row, source.start(seed, run), half, strict=False)
+    )
+    return Pose(float(x), float(y), wrap_angle(float(theta)))
+
+
+def in_threads(work: Callable[[list[range]], None], chunks: list[range], threads: int | None) -> None:
+    """Share out chunks of runs among threads, each of which calls ``work`` once; None for one thread on each core."""
+    workers = min(threads or os.cpu_count() or 1, len(chunks))
+    with ThreadPoolExecutor(max(workers, 1)) as pool:
+        for future in [pool.submit(work, chunks[worker::workers]) for worker in range(workers)]:
+            future.result()

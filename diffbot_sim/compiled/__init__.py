@@ -1,1 +1,0 @@
-"""The closed loop of scalar functions, compiled with numba for campaigns of thousands of runs."""

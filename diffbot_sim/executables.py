@@ -1,9 +1,0 @@
-"""The executables of this room; this module is light, since it decides what a signal does while a node is imported."""
-
-from __future__ import annotations
-
-from functools import partial
-
-from diffbot_core.launcher import launch
-
-plant_node = partial(launch, "diffbot_sim.plant_node")

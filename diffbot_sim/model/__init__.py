@@ -1,1 +1,0 @@
-"""The plant, its sensors and their counter-based noise."""

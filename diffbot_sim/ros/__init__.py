@@ -1,1 +1,0 @@
-"""Publishers, parameters and pacing of the node ``plant``."""

@@ -1,0 +1,403 @@
+"""The simulated robot without ROS: its world for the plant node, whole drives to goals, and the reference loop."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diffbot_control.filter.config import LocalizationConfig, options_of
+from diffbot_control.filter.covariance import uncertainty_of
+from diffbot_control.filter.dock import DockedPose
+from diffbot_control.filter.localization import Localization
+from diffbot_control.filter.measurement import GyroSample, Measurement, heading, landmark, pose_fix
+from diffbot_control.filter.odometry import OdometryConfig, OdometryStep
+from diffbot_control.goals import GoalRequest, Supervisor, SupervisorConfig
+from diffbot_control.goals.record import REACHED
+from diffbot_control.law.law import Law
+from diffbot_control.law.regions import OMEGA_G
+from diffbot_control.law.switching import SwitchingLaw
+from diffbot_core.data_sheet import MAX_COMMAND_LATENCY
+from diffbot_core.errors import BadMessageError, InvalidValueError
+from diffbot_core.geometry import Point, Pose, into_frame
+from diffbot_core.kinematics import Twist, body_twist, encoder_covariance
+from diffbot_core.stamps import NS_PER_S, S_PER_NS
+from diffbot_core.uncertainty import CERTAIN, Uncertainty
+from diffbot_sim.config import WorldConfig
+from diffbot_sim.fusion import Robot, new_recent
+from diffbot_sim.noise import NoiseSource, quiet_noise
+from diffbot_sim.plant import command_rows, delayed_command, held_by_dock, meets_dock, new_plant, plant_step
+from diffbot_sim.robot_step import EKF, FEEDBACKS, HISTORY_COLUMNS, Case, check_robot, make_loop
+from diffbot_sim.sensors import (
+    GYRO_ERROR_MAX,
+    NO_ERRORS,
+    delay_in_steps,
+    detected_dock,
+    due,
+    fix_variances,
+    in_range,
+    measured_fix,
+    measured_heading,
+    measured_landmark,
+    measured_rate,
+    purposes_of,
+    rate_due,
+    uniform_variance,
+)
+
+Array = NDArray[np.float64]
+_STOP = Twist(0.0, 0.0)
+_LONGEST = 3600.0
+"""[s] after which a goal is given up, whatever its timeouts are"""
+
+
+class PoseReading(NamedTuple):
+    """A measured pose: a fix in map, or a detected dock in the frame of the robot."""
+
+    stamp: int
+    """[ns]"""
+    pose: Pose
+    R: Array
+    """(3, 3) covariance [m, m, rad]"""
+
+
+class HeadingReading(NamedTuple):
+    """A measured heading."""
+
+    stamp: int
+    """[ns]"""
+    theta: float
+    """[rad]"""
+    R: Array
+    """(1, 1) variance [rad^2]"""
+
+
+class LandmarkReading(NamedTuple):
+    """Range and bearing of one landmark of the map, in the frame of the robot."""
+
+    stamp: int
+    """[ns]"""
+    range: float
+    """[m]"""
+    bearing: float
+    """[rad]"""
+    R: Array
+    """(2, 2) covariance [m, rad]"""
+    number: int
+    """of the landmark in the map"""
+    landmark: Point
+    """its position [m]"""
+
+
+class Arrivals(NamedTuple):
+    """Measurements that arrive at one step; poses may have been measured earlier."""
+
+    fixes: list[PoseReading]
+    headings: list[HeadingReading]
+    landmarks: list[LandmarkReading]
+    detections: list[PoseReading]
+
+
+class World:
+    """The simulated robot. Time is ``start_stamp`` [ns] plus whole sampling times."""
+
+    def __init__(self, config: WorldConfig, start_stamp: int = 0) -> None:
+        """Put the robot at the start, step 0."""
+        self.start_stamp = start_stamp
+        self.period = round(config.plant.sampling_time * NS_PER_S)
+        self.state = new_plant(Pose(*config.start))
+        self.odometry_P: Array = np.zeros((3, 3))
+        """covariance of the odometry's pose, accumulated from the start"""
+        self._source = NoiseSource()
+        self._noise = quiet_noise(1, len(config.landmarks.landmark_ids))
+        self._drawn = -1
+        self._fix_errors = NO_ERRORS
+        self._fixes: list[tuple[int, PoseReading]] = []
+        self._detections: list[tuple[int, PoseReading]] = []
+        # Long enough for any delay that may be set later.
+        self._commands = np.zeros((command_rows(MAX_COMMAND_LATENCY, config.plant.sampling_time), 2))
+        self.config = config
+
+    def configure(self, config: WorldConfig) -> None:
+        """Apply noise bounds, rates and faults from the next step on; sampling time and landmarks stay."""
+        self.config, self._drawn = config, -1
+
+    @property
+    def stamp(self) -> int:
+        """Time [ns] of the present state."""
+        return self.start_stamp + self.state.step * self.period
+
+    def _numbers(self) -> Any:
+        """Return the numbers (purposes, 4) of the present step."""
+        config, step = self.config, self.state.step
+        if self._drawn != step:
+            purposes = purposes_of(config.sensors, len(config.landmarks.landmark_ids), config.plant.slip_noise)
+            self._source.rows(config.seed, config.run, step, self._noise, purposes)
+            self._drawn = step
+        return self._noise[:, 0]
+
+    def advance(self, command: Twist) -> None:
+        """Request ``command`` for one sampling time; it reaches the wheels after ``command_delay``."""
+        before, plant, detector = self.state, self.config.plant, self.config.sensors.detector
+        arrived = delayed_command(self._commands, before.step, command, plant.command_delay, plant.sampling_time)
+        self.state = plant_step(before, arrived, self._numbers(), plant)
+        if self.touches_dock_at(before.pose):
+            self.state = held_by_dock(before, self.state, detector)
+        self._grow_odometry_covariance(before.odometry)
+
+    def touches_dock_at(self, pose: Pose) -> bool:
+        """Return True if a robot at ``pose`` stands against the dock that the robot detects."""
+        detector = self.config.sensors.detector
+        return detector.detection_rate > 0.0 and meets_dock(pose, detector)
+
+    def odometry(self) -> OdometryStep:
+        """Return the mean twist over the last step as the encoders measured it, with covariance."""
+        plant, encoder = self.config.plant, self.state.encoder
+        covariance = encoder_covariance(encoder, plant.encoder_noise, plant.wheels)
+        return OdometryStep(self.stamp, body_twist(encoder, plant.wheels), covariance)
+
+    def _grow_odometry_covariance(self, before: Pose) -> None:
+        _, twist, (var_v, cov, var_omega) = self.odometry()
+        t_s, after = self.config.plant.sampling_time, self.state.odometry
+        dx, dy = after.x - before.x, after.y - before.y
+        middle = before.theta + 0.5 * t_s * twist.omega
+        F = np.array(((1.0, 0.0, -dy), (0.0, 1.0, dx), (0.0, 0.0, 1.0)))
+        G = t_s * np.array(((math.cos(middle), -0.5 * dy), (math.sin(middle), 0.5 * dx), (0.0, 1.0)))
+        M = np.array(((var_v, cov), (cov, var_omega)))
+        self.odometry_P = F.dot(self.odometry_P).dot(F.T) + G.dot(M).dot(G.T)
+
+    def sense(self) -> Arrivals:
+        """Measure at the present step and return what arrives at it; to be called once a step, step 0 included."""
+        sensors, step, noise, pose = self.config.sensors, self.state.step, self._numbers(), self.state.pose
+        t_s, headings = self.config.plant.sampling_time, []
+        if due(step, sensors.fix_rate, t_s):
+            fix = measured_fix(pose, self._fix_errors, noise, sensors)
+            self._fix_errors = fix.errors
+            if not fix.lost:
+                reading = PoseReading(self.stamp, fix.pose, np.diag(fix_variances(sensors)))
+                self._fixes.append((step + delay_in_steps(sensors.fix_delay, t_s), reading))
+        if due(step, sensors.heading_rate, t_s):
+            R = np.array([[uniform_variance(sensors.heading_error_max)]])
+            headings.append(HeadingReading(self.stamp, measured_heading(pose, noise, sensors), R))
+        if due(step, sensors.detector.detection_rate, t_s):
+            found = detected_dock(pose, noise, sensors.detector)
+            if not found.lost:
+                R = np.diag(np.square((found.sigma, found.sigma, found.yaw_sigma)))
+                arrival = step + delay_in_steps(sensors.detector.detection_delay, t_s)
+                self._detections.append((arrival, PoseReading(self.stamp, found.pose, R)))
+        landmarks = self._measure_landmarks(noise) if due(step, sensors.landmark_rate, t_s) else []
+        return Arrivals(_arrived(self._fixes, step), headings, landmarks, _arrived(self._detections, step))
+
+    def _measure_landmarks(self, noise: Any) -> list[LandmarkReading]:
+        sensors, pose = self.config.sensors, self.state.pose
+        bounds = sensors.landmark_range_error_max, sensors.landmark_bearing_error_max
+        R, found = np.diag([uniform_variance(bound) for bound in bounds]), []
+        for index, (number, point) in enumerate(self.config.landmarks.points().items()):
+            if in_range(pose, point.x, point.y, sensors):
+                measured = measured_landmark(pose, index, point.x, point.y, noise, sensors)
+                found.append(LandmarkReading(self.stamp, *measured, R, number, point))
+        return found
+
+    def turn_rate(self) -> GyroSample | None:
+        """Return what the gyro measures over the step that ends now; None if it is not due."""
+        sensors = self.config.sensors
+        if not rate_due(self.state.step, sensors, self.config.plant.sampling_time):
+            return None
+        rate = measured_rate(self.state.twist.omega, self._numbers(), sensors)
+        return GyroSample(self.stamp, rate, uniform_variance(GYRO_ERROR_MAX))
+
+
+_Reading = TypeVar("_Reading")
+
+
+def _arrived(waiting: list[tuple[int, _Reading]], step: int) -> list[_Reading]:
+    """Remove and return what arrives at ``step``, oldest first."""
+    ready = [measured for arrival, measured in waiting if arrival <= step]
+    waiting[:] = [one for one in waiting if one[0] > step]
+    return ready
+
+
+DOCK = DockedPose(0.0, 0.0, 0.0)
+"""The plant's detector measures the pose of the docked robot itself."""
+
+
+def measurements_of(arrivals: Arrivals) -> list[Measurement]:
+    """Return what the filter gets of the world's readings."""
+    return [
+        *(pose_fix(*one) for one in arrivals.fixes),
+        *(heading(*one) for one in arrivals.headings),
+        *(pose_fix(one.stamp, DOCK.robot(one.pose), DOCK.covariance(one.pose, one.R)) for one in arrivals.detections),
+        *(landmark(one.stamp, one.range, one.bearing, one.R, one.landmark) for one in arrivals.landmarks),
+    ]
+
+
+class Drive(NamedTuple):
+    """One goal, how it ended, and a row for each step from its acceptance to its answer."""
+
+    goal: Pose
+    end: str
+    """one of record.ENDS"""
+    reason: str
+    """of the end, where there is more to say"""
+    time: Array
+    """(n,) [s]"""
+    truth: Array
+    """(n, 3) true pose [m, m, rad]"""
+    estimate: Array
+    """(n, 3) estimated pose; nan before the first fix"""
+    command: Array
+    """(n, 2) v, omega [m/s, rad/s]"""
+    sigma: Array
+    """(n,) [m] standard deviation of the estimated position"""
+    region: NDArray[np.int64]
+    """(n,) 0: Omega_G, 1: Omega_L"""
+    reached: NDArray[np.bool_]
+    """(n,) True once the goal counts as reached"""
+
+    @property
+    def is_reached(self) -> bool:
+        """True if the answer is that the goal is reached."""
+        return self.end == REACHED
+
+    @property
+    def duration(self) -> float:
+        """Time [s] until the answer."""
+        return float(self.time[-1] - self.time[0])
+
+    @property
+    def error(self) -> Pose:
+        """The true pose at the answer [m, m, rad], in the goal's frame."""
+        return into_frame(Pose(*self.truth[-1].tolist()), self.goal)
+
+    @property
+    def position_error(self) -> float:
+        """Distance [m] of the true pose from the goal at the answer."""
+        return math.hypot(self.error.x, self.error.y)
+
+
+class Simulation:
+    """A simulated robot with the filter and the supervisor of the nodes; time goes on from drive to drive."""
+
+    def __init__(
+        self, world: WorldConfig, localization: LocalizationConfig, supervisor: SupervisorConfig, law: type[Law]
+    ) -> None:
+        """Put the robot at its start, with a filter that waits for its first fix."""
+        self.world, self.supervisor = World(world), Supervisor(supervisor, law)
+        points = tuple(world.landmarks.points().values())
+        self._filter = Localization(localization, world.plant.wheels.wheel_separation, landmarks=points)
+        self.estimate: Pose | None = None
+        """None before the first fix"""
+        self.uncertainty: Uncertainty = CERTAIN
+        """standard deviations of the estimate"""
+
+    @property
+    def truth(self) -> Pose:
+        """The true pose [m, m, rad] in map."""
+        return self.world.state.pose
+
+    @property
+    def time(self) -> float:
+        """Time [s] of the present state."""
+        return self.world.stamp * S_PER_NS
+
+    def sense(self) -> None:
+        """Sense and filter at the present step; once a step. What comes too late or too early is dropped."""
+        self._filter.on_measurements(measurements_of(self.world.sense()))
+        reading = self.world.turn_rate()
+        try:
+            if reading is not None and self._filter.config.filter.use_gyro:
+                self._filter.on_gyro(reading)
+            found = self._filter.on_odometry(self.world.odometry())
+        except BadMessageError:
+            return  # no fix yet
+        self.estimate, self.uncertainty = found.pose, uncertainty_of(found.P)
+
+    def drive(self, goal: Pose) -> Drive:
+        """Drive to a goal in map until it is answered: reached, or not and why."""
+        supervisor, began = self.supervisor, self.time
+        supervisor.on_goal(goal, GoalRequest(source="simulation", time=began))
+        rows, regions, reached = [], [], []
+        while supervisor.goals.present is not None:
+            self.sense()
+            command = self._command(began)
+            estimate = self.estimate or Pose(math.nan, math.nan, math.nan)
+            rows.append((self.time, *self.world.state.pose, *estimate, *command, self.uncertainty.xy))
+            regions.append(OMEGA_G if supervisor.report is None else supervisor.report.region)
+            reached.append(supervisor.memory.reached)
+            self.world.advance(command)
+        end, table = supervisor.goals.ended[-1], np.array(rows, dtype=np.float64)
+        time, truth, estimated, commands, sigmas = np.split(table, (1, 4, 7, 9), axis=1)
+        flags = np.array(regions), np.array(reached)
+        return Drive(goal, end.end, end.reason, time[:, 0], truth, estimated, commands, sigmas[:, 0], *flags)
+
+    def _command(self, began: float) -> Twist:
+        now, supervisor = self.time, self.supervisor
+        if now - began > _LONGEST:
+            supervisor.give_up(f"not reached within {_LONGEST:g} s")
+        if self.estimate is None:
+            return supervisor.on_tick(now) or _STOP
+        return supervisor.on_pose(self.world.stamp, now, self.estimate, self.uncertainty) or _STOP
+
+
+class Recording(NamedTuple):
+    """One run of the reference loop, a row per sampling time from 0 on."""
+
+    time: Array
+    """(n,) [s]"""
+    truth: Array
+    """(n, 3) true pose [m, m, rad]"""
+    feedback: Array
+    """(n, 3) pose given to the controller; nan before there is one"""
+    command: Array
+    """(n, 2) v, omega of the command that follows [m/s, rad/s]"""
+    region: NDArray[np.int64]
+    """(n,) region in force"""
+    reached: NDArray[np.bool_]
+    """(n,) True once the controller has reported the goal as reached"""
+    sigma: Array
+    """(n,) [m] standard deviation of the position given to the controller; 0 for a feedback without one"""
+
+
+def robot_of(world: WorldConfig, localization: LocalizationConfig | None = None) -> Robot:
+    """Return what determines motion, measurements and estimate of a run in a world."""
+    points = tuple(world.landmarks.points().values())
+    options = options_of(localization or LocalizationConfig(), world.plant.wheels.wheel_separation, points)
+    return Robot(world.plant, world.sensors, options, np.array(points, dtype=np.float64).reshape(-1, 2))
+
+
+def simulate(
+    world: WorldConfig,
+    controller: Any,
+    goal: Pose,
+    steps: int,
+    feedback: str = EKF,
+    localization: LocalizationConfig | None = None,
+    law: type[Law] = SwitchingLaw,
+) -> Recording:
+    """Run the closed loop for ``steps`` sampling times: the batch engine's loop as plain Python.
+
+    In each, as in the graph: the sensors deliver, the filter answers the odometry with a pose, the controller answers
+    the pose with a command, the plant holds it for one sampling time.
+
+    Raises:
+        InvalidValueError: for a feedback that is none of FEEDBACKS, less than one step, or options of the odometry,
+            which the loop does not know; see :func:`robot_step.check_robot`.
+    """
+    if localization is not None and localization.odometry != OdometryConfig():
+        raise InvalidValueError("odometry", tuple(localization.odometry), "the default in the batch engine's loop")
+    if feedback not in FEEDBACKS:
+        raise InvalidValueError("feedback", feedback, "one of " + ", ".join(FEEDBACKS))
+    if steps < 1:
+        raise InvalidValueError("steps", steps, ">= 1")
+    robot = robot_of(world, localization)
+    case = Case(robot, controller, goal, FEEDBACKS.index(feedback), False, steps, math.inf, math.inf)
+    check_robot(robot, (localization or LocalizationConfig()).history_length)
+    purposes = purposes_of(world.sensors, len(robot.landmarks), world.plant.slip_noise)
+    noise = NoiseSource().run(world.seed, world.run, steps + 1, purposes)
+    rows: Array = np.empty((steps + 1, len(HISTORY_COLUMNS)))
+    make_loop(law, case.feedback)(case, new_recent(robot), noise, Pose(*world.start), rows)
+    time: Array = np.arange(steps + 1) * np.float64(world.plant.sampling_time)
+    flags = rows[:, 10].astype(np.int64), rows[:, 11] > 0.0
+    return Recording(time, rows[:, 0:3], rows[:, 3:6], rows[:, 6:8], *flags, rows[:, 8])

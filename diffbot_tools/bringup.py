@@ -1,0 +1,300 @@
+"""The processes that a launch file starts, as plain data, and the check that a robot is driven by its own limits."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import sys
+from collections.abc import Collection, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from diffbot_control.law.presets import PRESETS
+from diffbot_control.ros.parameters.controller import ControllerNodeConfig
+from diffbot_core.data_sheet import DataSheet
+from diffbot_core.errors import DiffbotError, InvalidValueError
+from diffbot_core.files import read_text
+from diffbot_core.schema import parameters_of, to_dict
+from diffbot_core.yaml_files import MAX_BYTES, load_yaml, read_sections, values_for
+from diffbot_sim.parameters import PlantNodeConfig
+
+PACKAGE = "diffbot"
+DISCOVERY_RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+RELATIVE_TF = (("/tf", "tf"), ("/tf_static", "tf_static"))
+"""Remappings that put TF into the namespace of the robot, as Nav2's launch files do."""
+REQUIRED = (
+    "linear.x.max_velocity",
+    "angular.z.max_velocity",
+    "linear.x.max_acceleration",
+    "angular.z.max_acceleration",
+)
+"""Parameters of the controller whose defaults are those of the paper's robot, or no limit at all."""
+CONTROLLER, EKF, PLANT = "controller", "ekf", "plant"
+_BOOLEAN = ("true", "false")
+_PATHS = "parameters", "urdf", "bag"
+_MEMBERS = {"robot": ("ekf", "controller"), "docking": ("dock_ekf", "dock_controller")}
+"""Nodes of the processes that hold two."""
+
+
+class Argument(NamedTuple):
+    """One argument of a launch file; its value is a text on the command line."""
+
+    name: str
+    text: str
+    default: str = ""
+    """Empty: not given, so that the parameter file and the node decide."""
+    choices: tuple[str, ...] = ()
+    is_number: bool = False
+
+
+_COMMON = (
+    Argument("namespace", "namespace of the robot; a second one makes a second robot"),
+    Argument("frame_prefix", "prefix of the robot's own frames, e.g. robot1/; all robots then share /tf"),
+    Argument("parameters", "parameter file of all nodes (default: config/diffbot.yaml of this package)"),
+    Argument("preset", "preset of the controller", choices=tuple(PRESETS)),
+    Argument("localization", "start the ekf; false if another localization publishes the pose", "true", _BOOLEAN),
+    Argument("composed", "run ekf and controller in one process, robot_node", "false", _BOOLEAN),
+    Argument("autostart", "false: a lifecycle manager activates ekf and controller", "", _BOOLEAN),
+    Argument("docking", "start docking_node", "false", _BOOLEAN),
+    Argument("cmd_vel_type", "type of the commands", choices=("auto", "twist", "twist_stamped")),
+    Argument("bag", "record everything into this folder, which must not exist"),
+    Argument("discovery_range", f"value of {DISCOVERY_RANGE}", "", ("localhost", "subnet", "off", "system_default")),
+    Argument("log_level", "smallest level that is logged", "info", ("debug", "info", "warn", "error", "fatal")),
+    Argument("rviz", "start RViz", "false", _BOOLEAN),
+    Argument("urdf", "description of the robot (default: urdf/diffbot.urdf of this package)"),
+)
+ROBOT = (
+    *_COMMON,
+    Argument("description", "start robot_state_publisher, if it is installed", "false", _BOOLEAN),
+    Argument("use_sim_time", "use the time of /clock: with a replayed bag or another simulator", "false", _BOOLEAN),
+)
+"""Of robot.launch.py."""
+SIMULATION = (
+    *_COMMON,
+    Argument("description", "start robot_state_publisher, if it is installed", "true", _BOOLEAN),
+    Argument("x", "start position [m]", is_number=True),
+    Argument("y", "start position [m]", is_number=True),
+    Argument("yaw", "start heading [rad]", is_number=True),
+    Argument("seed", "seed of all noise", is_number=True),
+    Argument("clock", "source of time", "wall", ("wall", "scaled", "lockstep")),
+    Argument("real_time_factor", "speed of the clock scaled", is_number=True),
+)
+"""Of simulation.launch.py."""
+
+
+class NodePlan(NamedTuple):
+    """One process that a launch file starts."""
+
+    executable: str
+    package: str = PACKAGE
+    name: str = ""
+    """Name of the node; empty: the names of the executable, as with several nodes in one process."""
+    namespace: str = ""
+    files: tuple[str, ...] = ()
+    """Parameter files."""
+    parameters: Mapping[str, Any] = {}
+    """These come after the files."""
+    remappings: tuple[tuple[str, str], ...] = ()
+    arguments: tuple[str, ...] = ()
+    ros_arguments: tuple[str, ...] = ()
+    required: bool = True
+    """The end of this process ends the launch."""
+    optional: bool = False
+    """Left out, with a line in the log, if its package is not installed."""
+
+
+def parse(arguments: Sequence[Argument], texts: Mapping[str, str]) -> dict[str, Any]:
+    """Return the value of each argument that is given or has a default, by name.
+
+    Files are returned as absolute paths. The nodes check numbers, names and the folder of a bag.
+
+    Raises:
+        DiffbotError: if a number is not YAML, or arguments exclude each other.
+    """
+    values: dict[str, Any] = {}
+    for one in arguments:
+        text: Any = texts.get(one.name, one.default).strip()
+        if not text:
+            continue
+        if one.choices == _BOOLEAN:
+            text = text == "true"
+        elif one.is_number:
+            text = load_yaml(text, one.name)
+        elif one.name in _PATHS:
+            text = os.path.abspath(Path(text).expanduser())
+        values[one.name] = text
+    if values["composed"] and not values["localization"]:
+        raise InvalidValueError("composed", True, "false with localization:=false: there is no ekf to share a process")
+    return values
+
+
+def plan(values: Mapping[str, Any], share: Path, *, simulate: bool) -> list[NodePlan]:
+    """Return the processes to start, the recorder first, so that the bag misses nothing.
+
+    Args:
+        values: of the arguments, as :func:`parse` returns them.
+        share: folder of this package's config, rviz and urdf.
+        simulate: start the plant.
+
+    Raises:
+        DiffbotError: in one line, if a file cannot be read.
+    """
+    in_step = values.get("clock") == "lockstep"
+    is_simulated_time = values["clock"] != "wall" if simulate else values["use_sim_time"]
+    time = {"use_sim_time": is_simulated_time}
+    # Every step waits for its messages: none may be lost, and each needs an answer, whose stamp names the step.
+    reliable = {"reliable_inputs": True} if in_step else {}
+    stamped = {"cmd_vel_type": "twist_stamped"} if in_step else _given(values, "cmd_vel_type")
+    managed = _given(values, "frame_prefix", "autostart")
+    driver = {**_given(values, "preset"), **stamped, **managed, **reliable}
+    driver |= {"publish_when_idle": True} if in_step else {}
+    found: list[tuple[str, dict[str, Any]]] = [("recorder", {"uri": values["bag"]})] if "bag" in values else []
+    if values["composed"]:
+        found.append(("robot", driver))
+    else:
+        found += [("ekf", managed | reliable)] if values["localization"] else []
+        found.append(("controller", driver))
+    if simulate:
+        start = {f"initial_pose.{name}": values[name] for name in ("x", "y", "yaw") if name in values}
+        plant = _given(values, "frame_prefix", "clock", "seed", "real_time_factor")
+        # The plant makes the time that the others use.
+        found.append(("plant", {**stamped, **plant, **start, "use_sim_time": False}))
+    if values["docking"]:
+        found.append(("docking", {**managed, **stamped, **reliable}))
+    file = parameter_file(values, share)
+    sections = read_sections(file)
+
+    def is_concerned(kind: str) -> bool:
+        # A node whose name is misspelt in the file reports that itself.
+        names = _MEMBERS.get(kind, (kind,))
+        return any(one.node in (name, "*", "**") or one.is_nearly_for(name) for one in sections for name in names)
+
+    nodes = [
+        NodePlan(
+            executable=f"{kind}_node",
+            name="" if kind in _MEMBERS else kind,
+            files=(str(file),) if is_concerned(kind) else (),
+            parameters={**time, **parameters},
+        )
+        for kind, parameters in found
+    ]
+    nodes += _viewers(values, share, time)
+    # Frames that carry a prefix are for a /tf that all robots share.
+    remappings = () if "frame_prefix" in values else RELATIVE_TF
+    options = {"namespace": values.get("namespace", ""), "ros_arguments": ("--log-level", values["log_level"])}
+    return [node._replace(remappings=remappings, **options) for node in nodes]
+
+
+def _viewers(values: Mapping[str, Any], share: Path, time: Mapping[str, Any]) -> list[NodePlan]:
+    """Return robot_state_publisher and RViz as far as the arguments ask for them; ``time`` sets their clock."""
+    nodes = []
+    if values["description"]:
+        urdf = Path(values.get("urdf", share / "urdf" / "diffbot.urdf"))
+        parameters = {**time, "robot_description": read_text(urdf, MAX_BYTES), **_given(values, "frame_prefix")}
+        name = "robot_state_publisher"
+        nodes.append(NodePlan(name, name, name, parameters=parameters, required=False, optional=True))
+    if values["rviz"]:
+        rviz = ("-d", str(share / "rviz" / "diffbot.rviz"))
+        nodes.append(NodePlan("rviz2", "rviz2", "rviz2", parameters=dict(time), arguments=rviz, required=False))
+    return nodes
+
+
+def parameter_file(values: Mapping[str, Any], share: Path) -> Path:
+    """Return the parameter file of all nodes; the arguments are those of :func:`plan`."""
+    return Path(values.get("parameters", share / "config" / "diffbot.yaml"))
+
+
+def environment(values: Mapping[str, Any], outer: Mapping[str, str], *, simulate: bool) -> dict[str, str]:
+    """Return the environment variables to set for the nodes.
+
+    A robot is restricted on request only: it may be driven from another host. A simulated robot obeys any cmd_vel and
+    may own /clock, so it stays on its host unless the argument or the environment of the launch, ``outer``, says
+    otherwise.
+    """
+    chosen = values.get("discovery_range", "")
+    if not chosen and simulate and not outer.get(DISCOVERY_RANGE):
+        chosen = "localhost"
+    return {DISCOVERY_RANGE: chosen.upper()} if chosen else {}
+
+
+def _given(values: Mapping[str, Any], *names: str) -> dict[str, Any]:
+    return {name: values[name] for name in names if name in values}
+
+
+def check_data_sheet(file: Path) -> None:
+    """Refuse a parameter file whose section of the controller lacks a limit of the robot.
+
+    Raises:
+        DiffbotError: naming the file and the missing parameters, or if the file cannot be read.
+    """
+    values = values_for(file, CONTROLLER)
+    if missing := [name for name in REQUIRED if name not in values]:
+        raise DiffbotError(
+            f"{file}: /**/controller lacks {', '.join(missing)}: a robot is not driven without its limits"
+        )
+
+
+def check_limits(nodes: Collection[str], ros_arguments: Sequence[str]) -> None:
+    """Refuse a controller whose parameter files lack the limits of its robot, unless a plant with the same limits runs.
+
+    Without limits, the controller drives the robot with the limits of the paper's robot. Without any parameter file
+    this is only a warning, since nothing describes another robot.
+
+    Args:
+        nodes: names of the nodes of the process.
+        ros_arguments: of the process, without ``--ros-args``.
+
+    Raises:
+        DiffbotError: in one line, if limits are missing, or a file cannot be read.
+    """
+    given = _values_given(CONTROLLER, ros_arguments)
+    missing = [name for name in REQUIRED if name not in given]
+    if CONTROLLER not in nodes or not missing:
+        return
+    reason = "no plant runs in this process (--with plant)"
+    if PLANT in nodes:
+        plant = to_dict(PlantNodeConfig()) | _values_given(PLANT, ros_arguments)
+        # The ekf has wheels, too; a file may have no section for the controller.
+        robot = to_dict(ControllerNodeConfig()) | _values_given(EKF, ros_arguments) | given
+        names = [one.name for one in parameters_of(DataSheet) if one.name in plant]
+        other = [f"{name} {robot[name]} and {plant[name]}" for name in names if robot[name] != plant[name]]
+        if not other:
+            return
+        reason = f"the plant is another robot: {', '.join(other)}"
+    if "--params-file" not in ros_arguments:
+        limits = to_dict(ControllerNodeConfig()) | given
+        used = ", ".join(f"{name} {limits[name]:g}" for name in missing)
+        print(f"diffbot: no --params-file describes the robot: it is driven with {used}", file=sys.stderr, flush=True)
+        return
+    raise DiffbotError(
+        f"the controller has no {', '.join(missing)}, and {reason}. A robot is not driven without its limits: give "
+        "them in the section /** of a --params-file, as the file of `diffbot robot new` does"
+    )
+
+
+def _values_given(node: str, words: Sequence[str]) -> dict[str, Any]:
+    """Return the parameters of a node from files and from single arguments; as in rcl, single ones win."""
+    full_name, values = _full_name(node, words), dict[str, Any]()
+    for flag, value in itertools.pairwise(words):
+        if flag == "--params-file":
+            for section in read_sections(Path(value)):
+                values |= section.values if section.is_for(full_name) else {}
+    name = full_name.rpartition("/")[2]
+    for flag, value in itertools.pairwise(words):
+        target, _, text = value.partition(":=")
+        scope, _, parameter = target.rpartition(":")
+        if flag in ("-p", "--param") and scope in ("", name):
+            values[parameter] = load_yaml(text, parameter)
+    return values
+
+
+def _full_name(node: str, words: Sequence[str]) -> str:
+    """Return the name of a node with its namespace, as it is remapped."""
+    namespace, name = "", node
+    for flag, value in itertools.pairwise(words):
+        target, _, new = value.partition(":=")
+        scope, _, what = target.rpartition(":")
+        if flag in ("-r", "--remap") and scope in ("", node):
+            namespace = new.rstrip("/") if what == "__ns" else namespace
+            name = new if what in ("__node", "__name") else name
+    return f"{namespace}/{name}"

@@ -1,1 +1,0 @@
-"""The plan of a launch as actions of ROS's launch."""

@@ -1,1 +1,0 @@
-"""The demonstration: the whole graph over DDS, three goals, a bag and a report."""

@@ -1,0 +1,116 @@
+"""Launch descriptions from the plan: the only module that needs ROS's launch and launch_ros."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from ament_index_python.packages import PackageNotFoundError, get_package_prefix, get_package_share_directory
+from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction, SetEnvironmentVariable
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
+
+from diffbot_core.errors import DiffbotError
+from diffbot_tools.bringup import (
+    PACKAGE,
+    ROBOT,
+    SIMULATION,
+    Argument,
+    NodePlan,
+    check_data_sheet,
+    environment,
+    parameter_file,
+    parse,
+    plan,
+)
+from launch import LaunchContext, LaunchDescription
+
+
+def robot() -> LaunchDescription:
+    """Return the description of robot.launch.py."""
+    return _description(ROBOT, simulate=False)
+
+
+def simulation() -> LaunchDescription:
+    """Return the description of simulation.launch.py."""
+    return _description(SIMULATION, simulate=True)
+
+
+def _description(arguments: tuple[Argument, ...], *, simulate: bool) -> LaunchDescription:
+    declared = [
+        DeclareLaunchArgument(one.name, default_value=one.default, description=one.text, choices=_choices(one))
+        for one in arguments
+    ]
+    return LaunchDescription([*declared, OpaqueFunction(function=partial(_actions, arguments, simulate))])
+
+
+def _choices(argument: Argument) -> list[str] | None:
+    """Return the texts that launch accepts, with an empty one for an argument without a default; None: any text."""
+    return [*([] if argument.default else [""]), *argument.choices] if argument.choices else None
+
+
+def _actions(arguments: tuple[Argument, ...], simulate: bool, context: LaunchContext) -> list[Any]:
+    """Return the actions for the values of the arguments; launch reports an exception in one line and starts nothing.
+
+    Raises:
+        DiffbotError: naming a package that is not installed, a file that cannot be read, or limits that a real robot
+            lacks.
+    """
+    texts = {one.name: LaunchConfiguration(one.name).perform(context) for one in arguments}
+    share = Path(get_package_share_directory(PACKAGE))
+    values = parse(arguments, texts)
+    nodes = plan(values, share, simulate=simulate)
+    for node in nodes:
+        # launch itself would find out when the nodes before it are starting, and leave those running.
+        if not node.optional and not _is_installed(node.package):
+            raise DiffbotError(f"{node.package} is not installed")
+    if not simulate:
+        check_data_sheet(parameter_file(values, share))
+    variables = environment(values, os.environ, simulate=simulate)
+    settings = [SetEnvironmentVariable(name, value) for name, value in variables.items()]
+    notes = [LogInfo(msg=f"{name}={value}") for name, value in variables.items()]
+    return [*notes, *settings, *map(_action, nodes)]
+
+
+def _action(node: NodePlan) -> Any:
+    if node.optional and not _is_installed(node.package):
+        return LogInfo(msg=f"{node.package} is not installed and is left out")
+    return Node(
+        package=node.package,
+        executable=node.executable,
+        name=node.name or None,
+        namespace=node.namespace,
+        parameters=[*node.files, {name: _verbatim(value) for name, value in node.parameters.items()}],
+        remappings=list(node.remappings),
+        arguments=list(node.arguments),
+        ros_arguments=list(node.ros_arguments),
+        on_exit=_on_exit(node.executable) if node.required else None,
+        output="screen",
+    )
+
+
+def _verbatim(value: Any) -> Any:
+    """Return a parameter's value for launch_ros, which would read a text as YAML: a bag named 2026 as a number."""
+    return ParameterValue(value, value_type=str) if isinstance(value, str) else value
+
+
+def _is_installed(package: str) -> bool:
+    try:
+        get_package_prefix(package)
+    except PackageNotFoundError:
+        return False
+    return True
+
+
+def _on_exit(executable: str) -> Callable[[Any, LaunchContext], None]:
+    """Return what to do when a required node ends: raise, so that the launch ends with this reason and status 1."""
+
+    def end(event: Any, context: LaunchContext) -> None:
+        if not context.is_shutdown:
+            raise DiffbotError(f"{executable} ended with exit code {event.returncode}, so everything is shut down")
+
+    return end

@@ -1,0 +1,46 @@
+"""Parameters of a node from a ROS parameter file, without ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from diffbot_control.ros.parameters.controller import ControllerNodeConfig
+from diffbot_control.ros.parameters.ekf import EkfNodeConfig
+from diffbot_core.errors import DiffbotError, InvalidValueError, known_name
+from diffbot_core.schema import build, parameters_of
+from diffbot_core.yaml_files import values_for
+from diffbot_sim.parameters import PlantNodeConfig
+
+EKF = "ekf"
+_OF_EVERY_NODE = "use_sim_time"
+"""Parameter that every node of ROS has."""
+
+
+def read_config(path: Path) -> EkfNodeConfig:
+    """Return the configuration of the node ``ekf``: of each entry whose last part is ``ekf`` or ``**``, later ones win.
+
+    Raises:
+        DiffbotError: if the file cannot be read, has no such entry, or a parameter is unknown or out of its bounds.
+    """
+    values = values_for(path, EKF)
+    try:
+        return build(EkfNodeConfig, values_of(values, EkfNodeConfig))
+    except DiffbotError as error:
+        raise DiffbotError(f"{path}: {error}") from error
+
+
+def values_of(values: Mapping[str, Any], config_type: type[Any]) -> dict[str, Any]:
+    """Return the ``values`` of a file that one node has: a section for all nodes has those of others, too.
+
+    Raises:
+        InvalidValueError: for a name that no node knows.
+    """
+    types = config_type, ControllerNodeConfig, EkfNodeConfig, PlantNodeConfig
+    own, *others = ({one.name for one in parameters_of(kind)} for kind in types)
+    known = own.union(*others, (_OF_EVERY_NODE,))
+    for name, value in values.items():
+        if name not in known:
+            raise InvalidValueError(name, value, known_name(name, known))
+    return {name: value for name, value in values.items() if name in own}

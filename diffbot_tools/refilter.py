@@ -1,0 +1,292 @@
+"""``diffbot refilter``: the filter over a bag; its estimates and innovations in a new bag.
+
+There is no graph and no waiting, and the output is the same bits each time.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from tqdm import tqdm
+
+from diffbot_bag.bag import BagReader, DecodedMessage
+from diffbot_bag.messages import encode, make
+from diffbot_bag.writer import BagWriter, new_bag
+from diffbot_control.filter import ekf
+from diffbot_control.filter.localization import FilterEstimate, Localization
+from diffbot_control.filter.measurement import Measurement
+from diffbot_control.filter.models import is_defined
+from diffbot_control.filter.odometry import OdometryStep
+from diffbot_control.ros.frames import robot_frame
+from diffbot_control.ros.messages.ekf import EkfInputs
+from diffbot_control.ros.messages.fields import (
+    fill_planar_covariance,
+    fill_pose,
+    fill_twist,
+    fill_twist_covariance,
+    fill_unestimated,
+    set_stamp,
+)
+from diffbot_control.ros.parameters.ekf import EkfNodeConfig
+from diffbot_control.ros.sensors import POSE_MESSAGE, Sensor, fuse, sensors_of
+from diffbot_control.ros.transforms import NO_TRANSFORMS
+from diffbot_core.errors import BadMessageError, DiffbotError, shown
+from diffbot_core.files import read_text
+from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import Twist
+from diffbot_core.stamps import S_PER_NS
+from diffbot_core.yaml_files import MAX_BYTES
+from diffbot_tools.figures import (
+    NIS_LABELS,
+    NIS_TOPIC,
+    Innovation,
+    consistency_of_innovations,
+    errors_at,
+    figures_of,
+    read_truth,
+)
+from diffbot_tools.opened_bag import open_bag
+from diffbot_tools.parameter_file import read_config
+
+PARAMETERS = "ekf.yaml"
+"""Parameter file in the folder of a bag, for a bag without --params."""
+ODOMETRY, NIS = "nav_msgs/msg/Odometry", "std_msgs/msg/Float64MultiArray"
+INPUTS = {
+    "global_pose": POSE_MESSAGE,
+    "heading": "sensor_msgs/msg/Imu",
+    "imu": "sensor_msgs/msg/Imu",
+    "landmarks": "sensor_msgs/msg/PointCloud2",
+    "initialpose": POSE_MESSAGE,
+    "odom": ODOMETRY,
+    "joint_states": "sensor_msgs/msg/JointState",
+}
+"""Topics that the filter reads, as the node names them, and their types."""
+
+
+class Answer(NamedTuple):
+    """What the filter publishes for one odometry message."""
+
+    estimate: FilterEstimate
+    odometry: OdometryStep
+    twist: Twist
+    """corrected by the estimated radius errors"""
+
+
+def run(bag: Path, params: Path | None, out: Path, compare: str | None, remap: dict[str, str]) -> int:
+    """Filter a bag, write the new one and print what was dropped, the consistency and, with ``compare``, the errors.
+
+    Args:
+        bag: folder, or an .mcap file.
+        params: ROS parameter file; None for ``ekf.yaml`` in the folder of the bag.
+        out: folder of the new bag.
+        compare: topic of true poses in ``bag``.
+        remap: topic in the bag for each of INPUTS that has another name there.
+
+    Raises:
+        DiffbotError: if a file or topic is missing, a parameter is not allowed, or ``out`` exists already.
+    """
+    if os.path.lexists(out):
+        raise DiffbotError(f"{out} exists already: choose another name for the bag")
+    file = parameter_file_of(bag, params)
+    config = read_config(file)
+    with open_bag(bag) as reader:
+        truth = None if compare is None else read_truth(reader, compare)
+        filtered = FilterRun(config, topics_of(reader, config, remap))
+        innovations = filtered.localization.innovations
+        with new_bag(out) as writer:
+            (writer.folder / PARAMETERS).write_text(read_text(file, MAX_BYTES), encoding="utf-8")
+            estimates = _drive(filtered, reader, _Output(writer, config))
+    for (topic, kind), count in sorted(filtered.dropped.items()):
+        print(f"{topic}: dropped {count}: {kind}")
+    accepted = sum(one.accepted for one in innovations)
+    nis, correlation, bound = consistency_of_innovations(innovations)
+    stamps = np.array([one.stamp for one in estimates], dtype=np.int64)
+    print(f"estimates             {len(estimates)} in {(stamps[-1] - stamps[0]) * S_PER_NS:.1f} s")
+    print(f"measurements          {accepted} accepted, {len(innovations) - accepted} rejected")
+    print(f"NIS per number, mean  {nis:.3f} (1 if consistent)")
+    print(f"whiteness, lag 1      {correlation:+.3f} (white: within +-{bound:.3f})")
+    if truth is not None:
+        poses, P = np.array([one.pose for one in estimates]), np.array([one.P for one in estimates])
+        print(figures_of(errors_at(stamps, poses, P, truth)))
+    print(out)
+    return 0
+
+
+def parameter_file_of(bag: Path, params: Path | None) -> Path:
+    """Return the parameter file of a bag: ``params``, or the one in the folder of the bag.
+
+    Raises:
+        DiffbotError: if there is no bag or no parameter file.
+    """
+    if not bag.expanduser().exists():
+        raise DiffbotError(f"no bag {bag}")
+    if params is not None:
+        return params
+    folder = bag.expanduser() if bag.is_dir() else bag.expanduser().parent
+    path = folder / PARAMETERS
+    if not path.is_file():
+        raise DiffbotError(f"no {PARAMETERS} in {folder}: name a parameter file with --params")
+    return path
+
+
+def inputs_of(config: EkfNodeConfig) -> dict[str, str]:
+    """Return INPUTS and the topics of further sensors of a configuration, with their types."""
+    return INPUTS | {one.topic: one.message_type for one in sensors_of(config, NO_TRANSFORMS)}
+
+
+def topics_of(reader: BagReader, config: EkfNodeConfig, remap: dict[str, str]) -> dict[str, str]:
+    """Map the topics of a bag to :func:`inputs_of`; the further sources of fixes have to be in it, too.
+
+    Raises:
+        DiffbotError: if the bag has no odometry or source of fixes, a remapped topic is not in it, or one is of another
+            type than the filter reads.
+    """
+    inputs, found, path = inputs_of(config), reader.topics, shown(reader.path)
+    names = {name: "/" + remap.get(name, name).lstrip("/") for name in inputs}
+    for name in (*remap, config.odometry_source, *config.localization.sources.pose_sources):
+        if names[name] not in found:
+            raise DiffbotError(
+                f"{path} has no topic {names[name]} for {name}: it has {shown(', '.join(sorted(found)))}"
+            )
+    for name, topic in names.items():
+        if topic in found and found[topic].type != inputs[name]:
+            raise DiffbotError(f"{path}: {topic} is of type {shown(found[topic].type)}, {name} must be {inputs[name]}")
+    return {topic: name for name, topic in names.items() if topic in found}
+
+
+class RecordingLocalization(Localization):
+    """A localization that keeps the innovations of its measurements, each once, however late it was fused."""
+
+    def __init__(self, config: EkfNodeConfig) -> None:
+        """Start unknown."""
+        separation, landmarks = config.wheels.wheel_separation, tuple(config.landmarks.points().values())
+        super().__init__(config.localization, separation, config.sensor_timeout, landmarks=landmarks)
+        self.innovations: list[Innovation] = []
+
+    def _take(self, measurement: Measurement, *, is_new: bool) -> int:
+        reading = self.reading_of(measurement)
+        if not is_new or not is_defined(reading, self.filter.x):
+            return super()._take(measurement, is_new=is_new)
+        expected, S = ekf.innovation(self.filter, self.options, reading)
+        nis = ekf.normalised_square(expected.y, S)
+        outcome = super()._take(measurement, is_new=True)
+        used = outcome in (ekf.ACCEPTED, ekf.WEIGHED)
+        source = measurement.source, measurement.at
+        self.innovations.append(Innovation(measurement.stamp, source, expected.y, S, nis, used))
+        return outcome
+
+
+class FilterRun:
+    """A filter that processes recorded messages as the node ``ekf`` does, and counts the messages that it drops."""
+
+    def __init__(self, config: EkfNodeConfig, topics: dict[str, str]) -> None:
+        """Start unknown; ``topics`` maps the topics of the bag to those of :func:`inputs_of`."""
+        self._inputs = EkfInputs(config)
+        self.localization = RecordingLocalization(config)
+        self.dropped: Counter[tuple[str, str]] = Counter()
+        """messages that were not used, by topic and reason"""
+        handlers: dict[str, Callable[[str, Any], Answer | None]] = {
+            "initialpose": self._on_initialpose,
+            config.odometry_source: self._on_odometry,
+        }
+        handlers |= {one.topic: partial(self._on_sensor, one) for one in self._inputs.sensors.values()}
+        self._odometry_of = self._inputs.odometry if config.odometry_source == "odom" else self._inputs.joint_states
+        self._handlers = {topic: handlers[name] for topic, name in topics.items() if name in handlers}
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """Topics of the bag that the filter reads."""
+        return tuple(self._handlers)
+
+    def take(self, message: DecodedMessage) -> Answer | None:
+        """Handle one message of :attr:`topics`; return the filter's answer to an odometry that it can use."""
+        try:
+            return self._handlers[message.topic](message.topic, message.content)
+        except BadMessageError as error:
+            self.dropped[message.topic, error.kind] += 1
+            return None
+
+    def reasons(self) -> str:
+        """Return the most frequent reasons for which messages were dropped; empty if none was."""
+        return "; ".join(f"{topic}: {kind} ({count})" for (topic, kind), count in self.dropped.most_common(3))
+
+    def _on_sensor(self, sensor: Sensor, topic: str, message: Any) -> None:
+        content = sensor.read(message)
+        if content.unknown:
+            self.dropped[topic, "unknown number"] += content.unknown
+        fuse(content, self.localization, lambda error: self.dropped.update([(topic, error.kind)]))
+
+    def _on_initialpose(self, _topic: str, message: Any) -> None:
+        stamp, pose, R = self._inputs.initialpose(message)
+        self.localization.initialise(pose, R, stamp or None)
+
+    def _on_odometry(self, _topic: str, message: Any) -> Answer | None:
+        odometry = self._odometry_of(message)
+        return None if odometry is None else self._answer(odometry)
+
+    def _answer(self, odometry: OdometryStep) -> Answer | None:
+        estimate = self.localization.on_odometry(odometry)
+        odometry = estimate.odometry or odometry
+        return Answer(estimate, odometry, self.localization.twist_of(estimate, odometry)[0])
+
+
+class _Output:
+    """Writes pose and odometry/filtered as the node ``ekf`` publishes them, and the innovations.
+
+    The publish time of ``/ekf/nis`` is the stamp of the measurement. Its log time is that of the odometry with which
+    the measurement was fused.
+    """
+
+    def __init__(self, writer: BagWriter, config: EkfNodeConfig) -> None:
+        """Register the topics."""
+        self._writer = writer
+        header = {"frame_id": config.map_frame}
+        self._pose = make(POSE_MESSAGE, header=header)
+        self._odometry = make(ODOMETRY, header=header, child_frame_id=robot_frame(config))
+        self._nis_message = make(NIS, layout={"dim": [{"label": one, "size": 1, "stride": 1} for one in NIS_LABELS]})
+        fill_unestimated(self._pose.pose.covariance)
+        fill_unestimated(self._odometry.pose.covariance, self._odometry.twist.covariance)
+        self._poses = writer.add_topic("/pose", POSE_MESSAGE)
+        self._filtered = writer.add_topic("/odometry/filtered", ODOMETRY)
+        self._nis = writer.add_topic(NIS_TOPIC, NIS)
+        self._written = 0
+
+    def write(self, answer: Answer, innovations: list[Innovation], log_time: int) -> None:
+        """Write an answer with the stamp of its estimate, and the new ones of all innovations; ``log_time`` [ns]."""
+        estimate, odometry, twist = answer
+        for message in (self._pose, self._odometry):
+            set_stamp(message.header.stamp, estimate.stamp)
+            fill_pose(message.pose.pose, Pose(*estimate.pose))
+            fill_planar_covariance(message.pose.covariance, estimate.P)
+        fill_twist(self._odometry.twist.twist, twist)
+        fill_twist_covariance(self._odometry.twist.covariance, odometry.covariance)
+        self._writer.write(self._poses, encode(POSE_MESSAGE, self._pose), log_time, estimate.stamp)
+        self._writer.write(self._filtered, encode(ODOMETRY, self._odometry), log_time, estimate.stamp)
+        for one in innovations[self._written :]:
+            self._nis_message.data = np.array([one.nis, len(one.y), one.accepted], float)
+            self._writer.write(self._nis, encode(NIS, self._nis_message), log_time, one.stamp)
+        self._written = len(innovations)
+
+
+def _drive(filtered: FilterRun, reader: BagReader, output: _Output) -> list[FilterEstimate]:
+    """Give the filter all messages in the order of their log times, with a progress bar on a terminal.
+
+    Raises:
+        DiffbotError: if the filter never started.
+    """
+    estimates, total = [], sum(reader.topics[topic].message_count for topic in filtered.topics)
+    messages = reader.decoded(filtered.topics)
+    for message in tqdm(messages, desc="refilter", total=total, unit="message", disable=None):
+        answer = filtered.take(message)
+        if answer is not None:
+            estimates.append(answer.estimate)
+            output.write(answer, filtered.localization.innovations, message.log_time)
+    if not estimates:
+        raise DiffbotError(f"{reader.path}: no estimate: {filtered.reasons() or 'no message'}")
+    return estimates

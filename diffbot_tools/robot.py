@@ -1,0 +1,119 @@
+"""A robot by its parameter file: the configurations of its nodes, without ROS."""
+
+from __future__ import annotations
+
+from os import PathLike
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from diffbot_control.filter.config import LocalizationConfig
+from diffbot_control.goals import SupervisorConfig
+from diffbot_control.law.goal_checker import GoalTolerance
+from diffbot_control.law.law import Law
+from diffbot_control.ros.parameters.controller import law_of, parameter_set_of
+from diffbot_control.ros.parameters.ekf import EkfNodeConfig
+from diffbot_core.data_sheet import DataSheet
+from diffbot_core.errors import DiffbotError, InvalidValueError, known_name
+from diffbot_core.schema import build, to_dict
+from diffbot_core.yaml_files import PARAMETERS, load_yaml, values_for
+from diffbot_sim.config import StartPose, WorldConfig
+from diffbot_sim.parameters import PlantNodeConfig
+from diffbot_sim.simulation import Simulation
+from diffbot_tools.parameter_file import values_of
+from diffbot_tools.robot_description import PRESETS, RobotDescription, file_of_robot
+
+NODES = "controller", "ekf", "plant"
+Values = dict[str, dict[str, Any]]
+"""Parameters by node."""
+
+
+class Robot(NamedTuple):
+    """The configurations of a robot's nodes."""
+
+    name: str
+    controller: Any
+    """configuration of the controller node under its law"""
+    ekf: EkfNodeConfig
+    plant: PlantNodeConfig
+    given: Values
+    """parameters that the description sets; of the controller also parameters that only other laws have"""
+
+    def __repr__(self) -> str:
+        """Return the name and the most important figures in one line."""
+        sheet, tolerance = self.data_sheet, self.tolerance
+        return (
+            f"<Robot {self.name}: {sheet.v_max:g} m/s, {sheet.omega_max:g} rad/s, latency {sheet.command_latency:g} s, "
+            f"tolerances {tolerance.xy_goal_tolerance:g} m and {tolerance.yaw_goal_tolerance:g} rad>"
+        )
+
+    @property
+    def tolerance(self) -> GoalTolerance:
+        """The tolerances of the law."""
+        return self.law.tolerance(self.controller.supervisor.controller)
+
+    @property
+    def data_sheet(self) -> DataSheet:
+        """The data sheet of the law."""
+        return self.law.data_sheet(self.controller.supervisor.controller)
+
+    @property
+    def law(self) -> type[Law]:
+        """The law that drives."""
+        return law_of(self.controller.law)
+
+    def parts(
+        self, seed: int = 1, start: StartPose | None = None
+    ) -> tuple[WorldConfig, LocalizationConfig, SupervisorConfig, type[Law]]:
+        """Return the arguments of a simulation; ``seed`` names the noise, without ``start`` the plant's own holds."""
+        world = self.plant.world._replace(seed=seed)
+        world = world if start is None else world._replace(start=start)
+        return world, self.ekf.localization, self.controller.supervisor, self.law
+
+    def simulation(self, seed: int = 1) -> Simulation:
+        """Return the robot at rest at its start."""
+        return Simulation(*self.parts(seed))
+
+
+def read_robot(source: str | PathLike[str] | RobotDescription) -> Robot:
+    """Return the robot of a parameter file, of a preset's name, or of a description.
+
+    Raises:
+        DiffbotError: in one line, if there is no such file or preset, a section is missing, or a value not allowed.
+    """
+    if isinstance(source, RobotDescription):
+        return _of_description(source, "robot")
+    if str(source) in PRESETS:
+        return _of_description(PRESETS[str(source)], str(source))
+    path = Path(source).expanduser()
+    if not path.suffix and not path.exists():
+        raise InvalidValueError("robot", str(source), f"a parameter file or {known_name(str(source), PRESETS)}")
+    values = {node: values_for(path, node) for node in NODES}
+    try:
+        return make_robot(path.stem, values)
+    except DiffbotError as error:
+        raise DiffbotError(f"{path}: {error}") from error
+
+
+def _of_description(description: RobotDescription, name: str) -> Robot:
+    content = load_yaml(file_of_robot(build(RobotDescription, to_dict(description))), name, unique_keys=True)
+    values = {section: one[PARAMETERS] for section, one in content.items()}
+    return make_robot(name, {node: values["/**"] | values[f"/**/{node}"] for node in NODES})
+
+
+def make_robot(name: str, values: Values) -> Robot:
+    """Return the robot with these parameters; as in the nodes, a parameter of another node is ignored.
+
+    Raises:
+        DiffbotError: for a value that is not allowed, or a name that no node knows.
+    """
+    controller_type, presets = parameter_set_of(values["controller"])
+    types = {"controller": controller_type, "ekf": EkfNodeConfig, "plant": PlantNodeConfig}
+    own = {node: values_of(values[node], kind) for node, kind in types.items()}
+    base = presets[str(values["controller"].get("preset", next(iter(presets))))] if presets else None
+    return Robot(
+        name,
+        build(controller_type, own["controller"], base),
+        build(EkfNodeConfig, own["ekf"]),
+        build(PlantNodeConfig, own["plant"]),
+        own | {"controller": values["controller"]},
+    )

@@ -1,0 +1,284 @@
+"""The recorder: what was published over DDS is in the bag, to the byte and in order, and what is missing is counted."""
+
+import secrets
+
+import bag_makers
+import graph
+import one_process
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import Twist
+from rclpy.qos import QoSProfile
+from recorders import BEST_EFFORT, DEEP, DEEP_LATCHED, KEEP_ALL, LATCHED, Recorder, publish, recorded, twists
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from diffbot_bag import metadata, node_parameters, recorder_node
+from diffbot_bag.bag import BagReader
+from diffbot_bag.recorded_topic import RecordedTopic
+from diffbot_bag.recorder_node import RecorderNode
+from diffbot_bag.writer import BagWriteError
+
+pytestmark = pytest.mark.graph
+
+RELIABLE = QoSProfile(depth=1000)
+
+
+def custom_data(folder):
+    return metadata.read(folder).custom_data
+
+
+def test_publishers_of_every_qos_are_recorded_to_the_byte(nodes, tmp_path):
+    peer = nodes.peer
+    latched = peer.publisher(String, "/description", LATCHED)
+    sent = {"/description": publish(latched, [String(data="<robot/>")])}
+    recorder = Recorder(nodes, tmp_path / "run")
+    offers = {"/noise": [BEST_EFFORT], "/all": [KEEP_ALL], "/mixed": [RELIABLE, BEST_EFFORT, DEEP_LATCHED]}
+    publishers = {topic: [peer.publisher(Twist, topic, qos) for qos in ones] for topic, ones in offers.items()}
+    hidden = peer.publisher(Twist, "/a/_b/c")
+    peer.subscribe(Twist, "/without_a_publisher")
+    recorder.wait_for(latched, *(one for ones in publishers.values() for one in ones))
+    # A latched message follows some time after its reader is known.
+    peer.spin_until(lambda: recorder.node.health.accepted["/description"] == 1, what="the latched message")
+    begin = peer.node.get_clock().now().nanoseconds
+    for topic, ones in publishers.items():
+        sent[topic] = [data for number, one in enumerate(ones) for data in publish(one, twists(100, 100 * number))]
+    end = peer.node.get_clock().now().nanoseconds
+    (info,) = peer.node.get_publishers_info_by_topic("/noise")
+    assert hidden.get_subscription_count() == 0
+    # Nothing was spun since: the recorder takes the messages at its end.
+    recorder.close()
+    for topic, messages in sent.items():
+        assert sorted(recorded(tmp_path / "run", topic)) == sorted(messages), topic
+    assert recorded(tmp_path / "run", "/all") == sent["/all"]
+    assert custom_data(tmp_path / "run") == {"lost_messages": "0"}
+    with BagReader(tmp_path / "run") as reader:
+        topics = reader.topics
+        times = [(one.publish_time, one.log_time) for one in reader.messages(["/noise"])]
+    assert topics["/noise"].type_hash == str(info.topic_type_hash)
+    assert [qos.reliability for qos in topics["/noise"].qos] == ["best_effort"]
+    assert [qos.durability for qos in topics["/description"].qos] == ["transient_local"]
+    assert len(topics["/mixed"].qos) == 3
+    assert times == sorted(times)
+    assert all(begin <= published <= received and published <= end for published, received in times)
+    # As in rosbag2, topics of the graph itself are recorded, too. The recorder's own status is not.
+    assert {"/rosout", "/parameter_events"} <= set(topics)
+    assert not {"/recorder/status", "/without_a_publisher"} & set(topics)
+
+
+def test_lost_messages_are_counted_reported_and_kept(nodes, tmp_path):
+    publisher = nodes.peer.publisher(Twist, "noise", RELIABLE)
+    (tmp_path / "qos.yaml").write_text("/noise: {depth: 5}\n")
+    overrides = str(tmp_path / "qos.yaml")
+    recorder = Recorder(nodes, tmp_path / "run", qos_profile_overrides_path=overrides, topics=["/noise"])
+    health = nodes.peer.subscribe(DiagnosticArray, "/diagnostics", 100)
+    recorder.wait_for(publisher)
+    sent = publish(publisher, twists(1))
+    recorder.wait("messages", 1)
+    # Nothing is spun meanwhile, and the recorder's queue keeps the newest five.
+    sent += publish(publisher, twists(50, first=1))
+    recorder.wait("lost", 45)
+    assert recorder.reports[-1].level == DiagnosticStatus.WARN
+    nodes.peer.spin_until(
+        lambda: any(
+            graph.values(one).get("/noise dropped: lost") == "45" for report in health for one in report.status
+        ),
+        what="lost messages in /diagnostics",
+    )
+    recorder.close()
+    assert custom_data(tmp_path / "run") == {"lost_messages": "45", "lost /noise": "45"}
+    assert recorded(tmp_path / "run", "/noise") == sent[:1] + sent[-5:]
+
+
+def tick(recorder, clock, seconds):
+    """Send a simulated time until the recorder has it."""
+    message = Clock()
+    message.clock.sec = seconds
+
+    def arrived():
+        clock.publish(message)
+        return recorder.node.get_clock().now().nanoseconds == seconds * 10**9
+
+    recorder.peer.spin_until(arrived, what=f"{seconds} s")
+
+
+def test_messages_before_the_first_simulated_time_are_held_and_get_it_as_log_time(nodes, tmp_path):
+    clock, data = nodes.peer.publisher(Clock, "/clock"), nodes.peer.publisher(Twist, "data", RELIABLE)
+    recorder = Recorder(nodes, tmp_path / "run", use_sim_time=True, topics=["/data"])
+    recorder.wait_for(data)
+    assert recorder.reports[-1].message == "waiting for /clock"
+    sent = publish(data, twists(3))
+    recorder.wait("held", 3)
+    tick(recorder, clock, 500)
+    sent += publish(data, twists(1, first=3))
+    recorder.wait("messages", 4)
+    tick(recorder, clock, 900)
+    sent += publish(data, twists(5, first=4))
+    recorder.close()
+    with BagReader(tmp_path / "run") as reader:
+        messages = list(reader.messages())
+    assert [one.data for one in messages] == sent
+    assert [one.log_time // 10**9 for one in messages] == [500] * 4 + [900] * 5
+
+
+def test_a_weaker_publisher_that_joins_is_recorded_and_what_the_change_costs_is_counted(nodes, tmp_path):
+    first = nodes.peer.publisher(Twist, "shared", DEEP)
+    recorder = Recorder(nodes, tmp_path / "run", topics=["/shared"])
+    recorder.wait_for(first)
+    sent = publish(first, twists(5))
+    with graph.peer("intruder") as other:
+        second = other.publisher(Twist, "shared", BEST_EFFORT)
+
+        def both():
+            # Published throughout the change from one subscription to the other.
+            sent.extend(publish(first, twists(1, len(sent))))
+            (subscription,) = [one for one in recorder.node.subscriptions if one.topic_name == "/shared"]
+            return subscription.get_publisher_count() == 2 and second.get_subscription_count() == 1
+
+        nodes.peer.spin_until(both, what="both publishers")
+        after = publish(second, twists(7, -7)) + publish(first, twists(100, len(sent)))
+        recorder.wait("incomplete", "")
+        total, node = len(sent) + len(after), recorder.node
+        nodes.peer.spin_until(lambda: node._writer.count + node._lost() == total, what="all messages")
+    recorder.close()
+    found = recorded(tmp_path / "run", "/shared")
+    assert sorted(found[-len(after) :]) == sorted(after)
+    missing = set(sent) - set(found)
+    assert len(found) + len(missing) == len(sent) + len(after)
+    assert custom_data(tmp_path / "run")["lost_messages"] == str(len(missing))
+
+
+class Recording:
+    """A recorder of /data and the latched /map, ready, and what is published to it."""
+
+    def __init__(self, nodes, folder, **parameters):
+        """Wait until the latched message has come: later it could take the place of others."""
+        self.peer = nodes.peer
+        self.data, latched = self.peer.publisher(Twist, "data", DEEP), self.peer.publisher(String, "map", LATCHED)
+        latched.publish(String(data="map"))
+        self.recorder = Recorder(nodes, folder, topics=["/data", "/map"], **parameters)
+        self.recorder.wait_for(self.data, latched)
+        self.peer.spin_until(lambda: self.recorder.node.health.accepted["/map"] == 1, what="the latched message")
+
+    def call(self, service):
+        answer = self.peer.call(Trigger, f"/recorder/{service}")
+        return answer.success, answer.message
+
+
+def numbers(folder, topic):
+    """Sequence numbers of a topic by file, as mcap's own reader shows them."""
+    files = [bag_makers.facts(folder / file.name) for file in metadata.read(folder).files]
+    return [[one.sequence for one in found if one.topic == topic] for found in files]
+
+
+def test_splits_by_size_and_service_lose_and_repeat_nothing(nodes, tmp_path):
+    recording = Recording(nodes, tmp_path / "run", max_bag_size=2**16, compression="none")
+    publish(recording.data, twists(100))
+    recording.recorder.wait("messages", 101)
+    file = recording.recorder.value("file")
+    assert recording.call("split_bagfile") == (True, f"{file} is complete")
+    assert recording.call("split_bagfile")[0] is False
+    publish(recording.data, twists(4000))
+    recording.recorder.close()
+    by_file = numbers(tmp_path / "run", "/data")
+    assert by_file[0] == list(range(1, 101))
+    assert len(by_file) >= 5
+    assert [number for file in by_file for number in file] == list(range(1, 4101))
+    assert numbers(tmp_path / "run", "/map") == [[1]] * len(by_file)
+
+
+def test_a_slow_recording_splits_and_deletes_the_oldest_files(nodes, tmp_path):
+    size, folder = 2**19, tmp_path / "run"
+    recorder = Recorder(nodes, folder, topics=["/text"], max_bag_size=size, max_bag_files=2)
+    text = nodes.peer.publisher(String, "text", DEEP)
+    recorder.wait_for(text)
+    # 1.7 MB in chunks far below the usual size, each written by a flush.
+    for number in range(1, 15):
+        text.publish(String(data=secrets.token_hex(120_000)))
+        writer = recorder.node._writer
+        nodes.peer.spin_until(lambda: writer.count == number and not writer.unflushed, what="a flush")  # noqa: B023
+        assert len(list(folder.glob("*.mcap"))) <= 2
+    recorder.close()
+    kept = list(folder.glob("*.mcap"))
+    assert {path.name for path in kept} == {file.name for file in metadata.read(folder).files}
+    assert len(kept) == 2
+    assert all(path.stat().st_size < 1.3 * size for path in kept)
+
+
+def test_a_pause_is_no_loss_and_latched_messages_are_recorded_during_it(nodes, tmp_path):
+    recording = Recording(nodes, tmp_path / "run", start_paused=True)
+    assert recording.call("is_paused") == (True, "paused")
+    publish(recording.data, twists(10))
+    nodes.peer.spin_until(lambda: recording.recorder.node.health.accepted["/data"] == 10, what="all messages")
+    assert recording.call("resume") == (True, "recording")
+    publish(recording.data, twists(10))
+    recording.recorder.wait("messages", 11)
+    assert recording.call("pause") == (True, "paused")
+    nodes.peer.spin_until(lambda: recording.recorder.reports[-1].message == "paused", what="the report")
+    recording.recorder.close()
+    assert custom_data(tmp_path / "run") == {"lost_messages": "0"}
+    assert numbers(tmp_path / "run", "/data") == [list(range(11, 21))]
+    assert numbers(tmp_path / "run", "/map") == [[1]]
+
+
+def test_parameters_of_the_nodes_that_answer_are_attached_at_once(tmp_path, monkeypatch):
+    monkeypatch.setattr(node_parameters, "DEADLINE", graph.PATIENCE)
+    services = {"start_parameter_services": True}
+    # Both have the services; nobody spins the second one, and by its name its parameters are requested first.
+    with one_process.nodes(name="asked", **services) as nodes, graph.peer("a_silent_one", **services):
+        for name, value in {"gain": 0.25, "names": ["a", "b"], "api_key": "abc"}.items():
+            nodes.peer.node.declare_parameter(name, value)
+        recording = Recording(nodes, tmp_path / "run")
+        path, asking = tmp_path / "run" / "run_0.mcap", recording.recorder.node._parameters_of_all
+        nodes.peer.spin_until(lambda: asking._name == "/a_silent_one", what="the request to it")
+        asking._deadline = 0.0
+        # Not only at the end: a killed recorder has them, too.
+        nodes.peer.spin_until(lambda: b'"gain": 0.25' in path.read_bytes(), what="the parameters")
+        recording.recorder.close()
+    with BagReader(tmp_path / "run") as reader:
+        found = reader.node_parameters()
+    values = {"gain": 0.25, "names": ["a", "b"], "api_key": node_parameters.HIDDEN}
+    assert {name: found["/asked"][name] for name in values} == values
+    assert found["/recorder"]["uri"] == str(tmp_path / "run")
+    assert "/a_silent_one" not in found
+
+
+def test_too_little_space_on_the_disk_ends_the_recording_with_a_finished_bag(nodes, tmp_path, monkeypatch):
+    monkeypatch.setattr(recorder_node, "MIN_FREE_SPACE", 10**18)
+    recorder = Recorder(nodes, tmp_path / "run")
+    nodes.peer.spin_until(lambda: recorder.node.exit_code is not None, what="the end")
+    assert recorder.node.exit_code == 1
+    recorder.close()
+    assert custom_data(tmp_path / "run") == {"lost_messages": "0"}
+
+
+@pytest.mark.parametrize("error", [BagWriteError("the disk is full"), RuntimeError("a fault of the graph")])
+def test_an_error_in_the_first_look_for_topics_leaves_a_finished_bag(nodes, tmp_path, monkeypatch, error):
+    def fail(_node):
+        raise error
+
+    monkeypatch.setattr(RecorderNode, "update_subscriptions", fail)
+    recorder = Recorder(nodes, tmp_path / "run")
+    assert recorder.node.exit_code == (1 if isinstance(error, BagWriteError) else None)
+    recorder.close()
+    assert bag_makers.read(tmp_path / "run") == {}
+    assert custom_data(tmp_path / "run") == {"lost_messages": "0"}
+
+
+def test_a_topic_that_cannot_be_subscribed_to_leaves_the_others_recorded(nodes, tmp_path, monkeypatch):
+    subscribe = RecordedTopic.subscribe
+
+    def fail_for_one(topic, *arguments):
+        if topic.name == "/bad":
+            raise RuntimeError("a fault of the middleware")
+        subscribe(topic, *arguments)
+
+    monkeypatch.setattr(RecordedTopic, "subscribe", fail_for_one)
+    publishers = [nodes.peer.publisher(Twist, name, RELIABLE) for name in ("bad", "good")]
+    recorder = Recorder(nodes, tmp_path / "run", topics=["/bad", "/good"])
+    recorder.wait_for(publishers[1])
+    sent = publish(publishers[1], twists(5))
+    recorder.close()
+    assert recorded(tmp_path / "run", "/good") == sent
+    assert {topic.name for topic in metadata.read(tmp_path / "run").topics} == {"/bad", "/good"}

@@ -1,0 +1,149 @@
+"""Repair: every message of every undamaged chunk is saved, by the count of the mcap library."""
+
+import shutil
+
+import pytest
+from bag_makers import BEGIN, MS, POINT, chunks_of, facts, mcap_writing, point
+
+from diffbot_bag.bag import BagReader
+from diffbot_bag.repair import repair_bag
+from diffbot_bag.writer import BagWriter
+from diffbot_core.errors import DiffbotError
+
+COUNT = 900
+NOISE = bytes(range(256)) * 4
+
+
+def write(path, **options):
+    """Write two topics and an attachment; return the bytes and the chunks (begin, end, first and last message)."""
+    options = {"chunk_size": 20_000, **options}
+    kinds = dict.fromkeys(("/a", "/b"), POINT)
+    with path.open("wb") as stream, mcap_writing(stream, kinds, {"/a": "", "/b": ""}, **options) as (writer, channels):
+        writer.add_attachment(5, 6, "parameters.json", "application/json", b'{"/ekf": {"gain": 1.0}}')
+        for index in range(COUNT):
+            # Part of it does not compress.
+            data = point(index) + NOISE[index % 256 :][:200]
+            writer.add_message(channels[f"/{'ab'[index % 2]}"], BEGIN + index * MS, data, BEGIN, index)
+    chunks = [
+        (
+            one.chunk_start_offset,
+            one.chunk_start_offset + one.chunk_length,
+            (one.message_start_time - BEGIN) // MS,
+            (one.message_end_time - BEGIN) // MS,
+        )
+        for one in chunks_of(path)
+    ]
+    return bytearray(path.read_bytes()), chunks
+
+
+def damage(content, chunks, kind):
+    """Return damaged bytes, and the numbers of the messages that are in damaged chunks."""
+    begin, end, first, last = chunks[len(chunks) // 2]
+    everything_before_the_index = chunks[-1][1]
+    lost = set()
+    if kind == "killed":
+        del content[everything_before_the_index:]
+    elif kind == "a bit of the data":
+        content[(begin + end) // 2] ^= 4
+        lost = set(range(first, last + 1))
+    elif kind == "a bit of the length":
+        content[begin + 3] ^= 4
+    elif kind == "head of zeros":
+        content[begin : begin + 60] = bytes(60)
+        lost = set(range(first, last + 1))
+    elif kind == "tail of zeros":
+        content[everything_before_the_index:] = bytes(10_000)
+    elif kind == "cut in a chunk":
+        del content[(begin + end) // 2 :]
+        lost = set(range(first, COUNT))
+    return content, lost
+
+
+DAMAGES = ("killed", "a bit of the data", "a bit of the length", "head of zeros", "tail of zeros", "cut in a chunk")
+
+
+@pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
+def test_six_damages_lose_nothing_but_the_damaged_chunk(compression, tmp_path):
+    source = tmp_path / "run.mcap"
+    whole, chunks = write(source, compression=compression)
+    for kind in DAMAGES:
+        content, lost = damage(bytearray(whole), chunks, kind)
+        source.write_bytes(content)
+        repaired = repair_bag(source, tmp_path / "fixed")
+        found = [one.sequence for one in facts(tmp_path / "fixed")]
+        # Without compression, the messages of a chunk are found without its head or its end.
+        if compression == "none" and kind in ("head of zeros", "cut in a chunk"):
+            assert len(set(found) & lost) > 30, kind
+            lost -= set(found)
+        assert found == [number for number in range(COUNT) if number not in lost], kind
+        ends_in_a_message = (kind, compression) == ("cut in a chunk", "none")
+        assert len(repaired.damages) == (kind in DAMAGES[1:2] + DAMAGES[3:]) + ends_in_a_message, kind
+        assert repaired.lost.total() == (len(lost) if kind in DAMAGES[1:4] else 0), kind
+        assert bool(repaired.without_index) == (kind in ("killed", *DAMAGES[4:])), kind
+        with BagReader(tmp_path / "fixed") as bag:
+            assert (bag.warning, bag.message_count) == ("", len(found)), kind
+            assert bag.node_parameters() == {"/ekf": {"gain": 1.0}}, kind
+        shutil.rmtree(tmp_path / "fixed")
+
+
+def test_messages_outside_of_chunks_are_found_again(tmp_path):
+    source = tmp_path / "run.mcap"
+    content, _ = write(source, use_chunking=False)
+    half = len(content) // 2
+    content[half : half + 500] = bytes(500)
+    source.write_bytes(content[:-2000])
+    repair_bag(source, tmp_path / "fixed")
+    assert len(facts(tmp_path / "fixed")) >= COUNT - 15
+
+
+def damaged_own_bag(folder, count=200):
+    """Write a bag of two files as the recorder does; damage the first chunk of each and cut off the index."""
+    writer = BagWriter(folder, chunk_size=2000)
+    channels = [writer.add_topic(f"/{name}", POINT) for name in "ba"]
+    for index in range(count):
+        writer.write(channels[index % 2], point(index), BEGIN + index * MS, BEGIN, index)
+        if index == count // 2:
+            writer.split()
+    writer.custom_data = {"lost_messages": "7"}
+    writer.close()
+    for path in folder.glob("*.mcap"):
+        chunks = chunks_of(path)
+        content = bytearray(path.read_bytes()[: chunks[-1].chunk_start_offset + chunks[-1].chunk_length])
+        content[chunks[0].chunk_start_offset + chunks[0].chunk_length // 2] ^= 4
+        path.write_bytes(content)
+
+
+def test_names_whose_description_is_lost_come_from_metadata_yaml(tmp_path):
+    damaged_own_bag(tmp_path / "run")
+    repaired = repair_bag(tmp_path / "run", tmp_path / "fixed")
+    with BagReader(tmp_path / "fixed") as bag:
+        names = {message.topic for message in bag.messages()}
+        assert all(one.topic == f"/{'ba'[one.sequence % 2]}" for one in bag.messages())
+        assert bag.custom_data == {"lost_messages": "7"}
+        assert {topic.type for topic in bag.topics.values()} == {POINT}
+    assert (names, repaired.unknown) == ({"/a", "/b"}, [])
+    (tmp_path / "run" / "metadata.yaml").unlink()
+    (tmp_path / "run" / "run_1.mcap").unlink()
+    repaired = repair_bag(tmp_path / "run", tmp_path / "unnamed")
+    assert sorted(repaired.unknown) == ["/unknown/channel_1", "/unknown/channel_2"]
+
+
+def test_a_file_that_grows_a_missing_file_and_one_of_another_kind(tmp_path):
+    source = tmp_path / "run.mcap"
+    write(source)
+
+    def grow(_):
+        with source.open("ab") as stream:
+            stream.write(b"more")
+
+    for path, words, options in (
+        (source, "is it still being recorded", {"progress": grow}),
+        (tmp_path / "missing.mcap", "No such file", {}),
+        (tmp_path, "exists already", {"target": tmp_path}),
+    ):
+        with pytest.raises(DiffbotError, match=words):
+            repair_bag(path, **{"target": tmp_path / "fixed", **options})
+    (tmp_path / "text.mcap").write_text("no bag at all")
+    with pytest.raises(DiffbotError, match="is not an MCAP file"):
+        repair_bag(tmp_path / "text.mcap", tmp_path / "fixed")
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["run.mcap", "text.mcap"]

@@ -1,0 +1,157 @@
+"""Fixes and odometry with other clocks: when the filter starts, and what it claims after a clock was set."""
+
+import math
+
+import numpy as np
+import pytest
+import stamped
+from filter_runs import SEPARATION
+from stamped import PERIOD
+
+from diffbot_control.filter.config import FilterConfig, LocalizationConfig
+from diffbot_control.filter.localization import Localization
+from diffbot_control.filter.measurement import pose_fix
+from diffbot_control.filter.odometry import OdometryStep
+from diffbot_core.errors import BadMessageError
+from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import Twist, TwistCovariance
+
+BEGIN = 10**18
+SURE = np.diag((4e-4, 4e-4, 4e-4))
+
+
+def unstarted():
+    return Localization(LocalizationConfig(filter=FilterConfig(filter="ekf")), SEPARATION, 1.0)
+
+
+def odometry(number, v=0.4, omega=0.0, step=0.0):
+    stamp = BEGIN + number * PERIOD + round(step * 1e9)
+    return OdometryStep(stamp, Twist(v, omega), TwistCovariance(1e-4, 0.0, 1e-4))
+
+
+def drive(found, numbers, **values):
+    """Give odometry; return what was refused."""
+    refused = []
+    for number in numbers:
+        try:
+            found.on_odometry(odometry(number, **values))
+        except BadMessageError as error:
+            refused.append(error.kind)
+    return refused
+
+
+def fix(time, x=0.0):
+    return pose_fix(BEGIN + round(time * 1e9), Pose(x, 0.0, 0.0), SURE)
+
+
+@pytest.mark.parametrize("age", [1.0, 600.0, 100_000.0])
+def test_a_fix_of_any_age_starts_the_filter_while_the_robot_stands(age):
+    for is_first in (True, False):
+        found = unstarted()
+        if not is_first:
+            drive(found, range(30), v=0.0)
+        found.on_measurement(fix(3.0 - age, 2.0))
+        drive(found, range(31, 35), v=0.0)
+        estimate = found.estimate()
+        assert estimate.pose == pytest.approx((2.0, 0.0, 0.0), abs=1e-9)
+        assert math.sqrt(estimate.P[0, 0]) < 0.03
+
+
+def test_a_late_first_fix_is_moved_by_the_odometry_after_its_stamp():
+    found = unstarted()
+    assert drive(found, range(30)) == ["no fix yet"] * 30
+    found.on_measurement(fix(2.45))
+    assert drive(found, [30]) == []
+    assert found.estimate().stamp == BEGIN + 30 * PERIOD
+    assert found.estimate().pose.x == pytest.approx(0.4 * 0.55)
+
+
+def test_a_fix_from_before_the_known_odometry_is_as_uncertain_as_the_whole_motion_since():
+    found = unstarted()
+    drive(found, range(50))
+    for age in (3.0, 100.0):
+        found.on_measurement(fix(4.9 - age))
+        estimate = found.estimate()
+        assert estimate.stamp == BEGIN + 49 * PERIOD
+        assert math.sqrt(estimate.P[0, 0]) == pytest.approx(0.4 * 4.9, rel=0.01)
+        found.initialised = False
+
+
+@pytest.mark.parametrize("ahead", [5.0, 3600.0, 1e9])
+def test_a_fix_ahead_of_the_odometry_never_starts_the_filter_and_no_odometry_is_blamed(ahead):
+    found = unstarted()
+    found.on_measurement(fix(ahead))  # before any odometry
+    assert drive(found, range(50)) == ["behind the first fix"] + ["no fix yet"] * 49
+    for number in range(50, 100):
+        with pytest.raises(BadMessageError, match=r"ahead of the odometry: by .* \(chrony\)"):
+            found.on_measurement(fix(0.1 * number + ahead))
+        assert drive(found, [number]) == ["no fix yet"]
+    found.on_measurement(fix(9.95))
+    assert drive(found, range(100, 110)) == []
+
+
+def test_a_pose_by_hand_with_the_stamp_of_another_clock_starts_at_the_odometry():
+    found = unstarted()
+    drive(found, range(10), v=0.0)
+    found.initialise(Pose(1.0, 2.0, 0.5), SURE, BEGIN + 60 * 10**9)
+    assert drive(found, range(10, 20)) == []
+    assert found.estimate().pose.x > 1.0
+
+
+def stepped(step, acts_for=math.inf):
+    """Return the filter of a straight drive whose clock is set by ``step`` after 3 s, and the stories of its errors."""
+    found, story = unstarted(), []
+    found.time_restarts = False
+    found.on_measurement(fix(0.0))
+    for number in range(1, 80):
+        at = number >= 30
+        try:
+            estimate = found.on_odometry(odometry(number, step=step * at), acts_for if number == 30 else math.inf)
+        except BadMessageError as error:
+            story.append((number, error.kind))
+            continue
+        story.append((number, abs(estimate.pose.x - 0.04 * number), math.sqrt(estimate.P[0, 0])))
+        if number % 2 == 0:
+            with_noise = 0.04 * number + 0.02 * math.sin(number)
+            found.on_measurement(fix(0.1 * number + step * at, with_noise))
+    return found, story
+
+
+@pytest.mark.parametrize("step", [-0.2, -0.3, -0.8, -0.95, -5.0, -2000.0])
+def test_a_clock_that_is_set_back_costs_one_odometry_and_no_motion(step):
+    found, story = stepped(step)
+    assert [one[1] for one in story if isinstance(one[1], str)] == ["out of order"]
+    assert found.clock_set_back == 1
+    assert all(error < 3.0 * sigma + 0.01 for _, error, sigma in (one for one in story if len(one) == 3))
+    assert story[-1][2] < 0.03
+
+
+@pytest.mark.parametrize("step", [0.3, 0.8, 30.0, 900.0, 1e6])
+def test_a_clock_that_is_set_forward_makes_the_estimate_uncertain_and_the_next_fix_certain_again(step):
+    _, story = stepped(step, acts_for=0.1)
+    assert not [one for one in story if len(one) == 2]
+    assert all(error < 3.0 * sigma + 0.01 for _, error, sigma in story)
+    assert story[29][2] == pytest.approx(0.4 * min(step, 1.0), rel=0.1)
+    assert story[-1][2] < 0.03
+
+
+def test_single_messages_out_of_order_and_two_senders_do_not_set_the_clock_back():
+    found = unstarted()
+    found.on_measurement(fix(0.0))
+    for number in range(1, 60):
+        assert drive(found, [number]) == []
+        if number > 10:
+            assert drive(found, [number - 3]) == ["out of order"]
+    assert found.clock_set_back == 0
+
+
+def test_the_gyro_is_compared_with_the_wheels_over_motion_only():
+    found = stamped.fresh(use_gyro=True, filter="ekf")
+    for number in range(1, 200):
+        turns = number % 10 < 3
+        omega = 0.6 if turns else 0.0
+        found.on_gyro(stamped.GyroSample(number * PERIOD, -omega, 1e-4))
+        found.on_odometry(stamped.odometry(number, 0.0, omega))
+        if found.turns.contradiction() == "opposed":
+            break
+    assert 0.3 * number * 0.1 < 5.0

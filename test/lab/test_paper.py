@@ -1,0 +1,148 @@
+"""The paper's experiments: their runs, their results, their figures and their command."""
+
+import json
+import math
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+from diffbot_control.law.paper import PaperLaw
+from diffbot_core.errors import InvalidValueError
+from diffbot_lab.paper import figures as paper_figures
+from diffbot_lab.paper.experiment import (
+    HEADINGS_B,
+    PAPER_END_STATES,
+    QUANTILES,
+    SETTINGS,
+    case_of,
+    run_experiment,
+    starts_of,
+    summarise,
+)
+from diffbot_sim.batch import run_histories
+from diffbot_tools import cli
+
+RAW, _, QUIET, _ = SETTINGS
+KEPT = json.loads((Path(__file__).parents[2] / "docs/results/data/reproduction.json").read_text())
+
+
+def wrapped(angles):
+    return math.pi - np.remainder(math.pi - np.asarray(angles), 2.0 * math.pi)
+
+
+@pytest.fixture(scope="module")
+def groups():
+    return {name: run_experiment(name, 12, 1) for name in ("a", "b")}
+
+
+def of(groups, label, setting):
+    (found,) = [one for one in groups if one.label == label and one.setting.name == setting]
+    return found
+
+
+def test_the_settings_are_the_papers(groups):
+    assert case_of("law 17", RAW).steps * RAW.plant.sampling_time == pytest.approx(30.0)
+    assert case_of("law 17", RAW).goal == (0.0, 0.0, 0.0)
+    a = of(groups["a"], "law 17", "raw").histories
+    assert (a[:, 0, :3] == [-2.0, -5.5, math.pi / 6.0]).all()
+    for heading, label in zip(HEADINGS_B, ("heading 0 deg", "heading 220 deg"), strict=True):
+        first = of(groups["b"], label, "quiet").histories[:8, 0, :3]
+        angles = np.radians(45.0 * np.arange(8))
+        assert first[:, :2] == pytest.approx(12.0 * np.column_stack([np.cos(angles), np.sin(angles)]), abs=1e-12)
+        assert wrapped(first[:, 2] - math.radians(heading)) == pytest.approx(np.zeros(8), abs=1e-12)
+    errors = a[:, :, 3:6] - a[:, :, :3]
+    for error, bound in zip((errors[..., 0], errors[..., 1], wrapped(errors[..., 2])), (0.3, 0.3, 0.17), strict=True):
+        assert 0.99 * bound < np.abs(error).max() <= bound
+        assert error.std() == pytest.approx(bound / math.sqrt(3.0), rel=0.03)
+    # Euler's step (3) from row to row; what is left over is the input noise.
+    moved = np.diff(a[:, :, :2], axis=1)
+    theta = a[:, :-1, 2]
+    v = (moved[..., 0] * np.cos(theta) + moved[..., 1] * np.sin(theta)) / 0.1
+    omega = wrapped(np.diff(a[:, :, 2], axis=1)) / 0.1
+    assert np.abs(moved[..., 1] * np.cos(theta) - moved[..., 0] * np.sin(theta)).max() < 1e-12
+    for noise, bound in ((v - a[:, :-1, 6], 0.065), (omega - a[:, :-1, 7], 0.2167)):
+        assert 0.99 * bound < np.abs(noise).max() <= bound + 1e-9
+        assert noise.std() == pytest.approx(bound / math.sqrt(3.0), rel=0.03)
+
+
+def test_as_printed_the_rear_sector_drives_away():
+    case, printed = case_of("law 17", QUIET), case_of("law 17", QUIET, literal_rear=True)
+    ours, theirs = (run_histories(one, starts_of("b", 0.0), 1, 0, 8, law=PaperLaw) for one in (case, printed))
+    x = starts_of("b", 0.0).poses[:, 0]
+    front, behind = x < -1e-9, x > 1e-9
+    assert (front.sum(), behind.sum()) == (3, 3)
+    np.testing.assert_array_equal(ours[front, 0, 6], theirs[front, 0, 6])
+    np.testing.assert_array_equal(ours[behind, 0, 6], -theirs[behind, 0, 6])
+    np.testing.assert_array_equal(ours[:, 0, 7], theirs[:, 0, 7])
+    distance = np.hypot(ours[:, :2, 0], ours[:, :2, 1]), np.hypot(theirs[:, :2, 0], theirs[:, :2, 1])
+    assert (np.diff(distance[0])[behind] < 0.0).all()
+    assert (np.diff(distance[1])[behind] > 0.0).all()
+
+
+def test_the_results_are_numpys(groups):
+    results = {name: summarise(name, 12, 1, groups[name]) for name in groups}
+    for name, content in results.items():
+        assert (content["experiment"], content["runs"], content["seed"], content["steps"]) == (name, 12, 1, 300)
+        assert len(content["groups"]) == len(groups[name]) == 8
+        for one, group in zip(content["groups"], groups[name], strict=True):
+            outcomes, histories = group.outcomes, group.histories
+            assert one["runs"] == len(outcomes) == (12 if name == "a" else 96)
+            expected = {
+                "position": np.hypot(outcomes[:, 0], outcomes[:, 1]),
+                "abs_theta": np.abs(outcomes[:, 2]),
+                "y": outcomes[:, 1],
+                "path_length": outcomes[:, 4],
+                "distance_at_10_s": np.hypot(histories[:, 100, 0], histories[:, 100, 1]),
+            }
+            for key, values in expected.items():
+                assert one[key] == {name: pytest.approx(np.quantile(values, q)) for name, q in QUANTILES.items()}
+            assert one["max_speed"] == np.abs(histories[:, :, 6]).max()
+            assert one["settled"] == np.isfinite(outcomes[:, 3]).sum()
+            assert one["reached_local_region"] == np.isfinite(outcomes[:, 7]).sum()
+            assert ("paper" in one) == (name == "a" and one["setting"] != "quiet")
+            if "paper" in one:
+                for column, key in enumerate(("x", "y", "theta")):
+                    value = PAPER_END_STATES[one["law"]][column]
+                    assert one["paper"][key]["value"] == value
+                    assert one["paper"][key]["share_below"] == (outcomes[:, column] < value).mean()
+                    smaller = (np.abs(outcomes[:, column]) < abs(value)).mean()
+                    assert one["paper"][key]["magnitude_share_below"] == smaller
+
+
+def test_wrong_arguments_are_refused(tmp_path):
+    with pytest.raises(InvalidValueError, match="runs = 0"):
+        run_experiment("a", 0, 1)
+    with pytest.raises(SystemExit) as caught:
+        cli.main(["experiment", "scan", "--out", str(tmp_path / "out")])
+    assert caught.value.code == 2
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_command_draws_all_figures_of_a(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(paper_figures, "save", lambda figure, *paths: [plt.close(figure), *map(Path.touch, paths)])
+    assert cli.main(["experiment", "a", "--runs", "3", "--out", str(tmp_path)]) == 0
+    assert json.loads((tmp_path / "a" / "results.json").read_text())["runs"] == 3
+    assert "experiment a" in capsys.readouterr().out
+    kinds = ("path", "pose", "command") * 2
+    stems = [f"figure_{number:02d}_{what}" for number, what in zip(range(4, 10), kinds, strict=True)]
+    for setting in ("raw", "ekf", "quiet"):
+        found = {path.name for path in (tmp_path / "a" / setting).iterdir()}
+        assert found == {f"{stem}.png" for stem in stems}
+
+
+def about(value):
+    """Return the same, with tolerances for the floats in it."""
+    if isinstance(value, dict):
+        return {name: about(one) for name, one in value.items()}
+    if isinstance(value, list):
+        return [about(one) for one in value]
+    return pytest.approx(value, rel=1e-6, abs=1e-9) if isinstance(value, float) else value
+
+
+@pytest.mark.parametrize("name", ["a", "b"])
+def test_the_kept_results_are_todays(name):
+    runs, seed = KEPT[name]["runs"], KEPT[name]["seed"]
+    found = summarise(name, runs, seed, run_experiment(name, runs, seed))
+    assert json.loads(json.dumps(found)) == about(KEPT[name])

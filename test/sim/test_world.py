@@ -1,0 +1,154 @@
+"""The plant with sensors and time: stamps, delays, faults, repeatability and honest covariances."""
+
+import cmath
+import math
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from diffbot_control.filter.config import LandmarkMap
+from diffbot_core.geometry import into_frame
+from diffbot_core.kinematics import Twist
+from diffbot_sim.config import PlantConfig, SensorConfig, StartPose, WorldConfig
+from diffbot_sim.simulation import World
+
+QUIET = WorldConfig(
+    PlantConfig(drive_noise=0.0, encoder_noise=0.0),
+    SensorConfig(eps_xy_max=0.0, eps_theta_max=0.0),
+    StartPose(0.0, 0.0, 0.0),
+)
+ARC = Twist(1.0, 0.4)
+
+
+def lived(config, steps, command=ARC, start_stamp=0):
+    """Return what each step of a world showed: (stamp, true pose, odometry, fixes, headings)."""
+    world, seen = World(config, start_stamp), []
+    for _ in range(steps + 1):
+        arrivals = world.sense()
+        fixes = [(one.stamp, tuple(one.pose)) for one in arrivals.fixes]
+        headings = [(one.stamp, one.theta) for one in arrivals.headings]
+        seen.append((world.stamp, world.state.pose, world.odometry(), fixes, headings))
+        world.advance(command)
+    return seen
+
+
+def test_sensors_and_faults_do_not_change_the_noise_of_the_wheels():
+    plain = lived(WorldConfig(seed=7), 30)
+    sensors = SensorConfig(
+        heading_rate=10.0, fix_rate=5.0, fix_dropout=0.3, fix_outlier=0.2, fix_delay=0.2, landmark_rate=10.0
+    )
+    landmarks = LandmarkMap((1, 2), (0.0, 1.0), (0.0, 1.0))
+    faulty = lived(WorldConfig(seed=7, sensors=sensors, landmarks=landmarks), 30)
+    assert [one[1] for one in faulty] == [one[1] for one in plain]
+    # A fix that comes keeps its noise, whatever else is switched on.
+    on_time = {stamp: z for step in plain for stamp, z in step[3]}
+    for step in faulty:
+        for stamp, z in step[3]:
+            distance = math.hypot(z[0] - on_time[stamp][0], z[1] - on_time[stamp][1])
+            assert distance == pytest.approx(0.0, abs=1e-12) or distance == pytest.approx(3.0)
+            assert z[2] == on_time[stamp][2]
+
+
+@pytest.mark.parametrize(("delay", "steps"), [(0.0, 0), (0.25, 3)])
+def test_a_fix_belongs_to_its_stamp_and_comes_late(delay, steps):
+    sensors = QUIET.sensors._replace(fix_delay=delay, fix_rate=5.0, heading_rate=10.0)
+    sensors = sensors._replace(heading_error_max=0.0)
+    seen = lived(QUIET._replace(sensors=sensors), 40)
+    poses = {stamp: pose for stamp, pose, *_ in seen}
+    fixes = [(number, stamp, z) for number, step in enumerate(seen) for stamp, z in step[3]]
+    assert [number for number, _, _ in fixes] == [number for number in range(steps, 41) if (number - steps) % 2 == 0]
+    for number, stamp, z in fixes:
+        assert stamp == (number - steps) * 10**8
+        assert z == pytest.approx(poses[stamp], abs=1e-12)
+    headings = [(number, stamp, z) for number, step in enumerate(seen) for stamp, z in step[4]]
+    assert headings
+    for number, stamp, z in headings:
+        assert number * 10**8 == stamp
+        assert z == pytest.approx(poses[stamp].theta, abs=1e-12)
+
+
+def test_the_odometrys_covariance_is_that_of_its_errors():
+    # Without drive noise the true motion is known. Uniform wheel errors over 25 steps are nearly normal.
+    total, runs = 0.0, 200
+    for run in range(runs):
+        config = QUIET._replace(plant=PlantConfig(drive_noise=0.0), seed=3, run=run)
+        world = World(config)
+        for step in range(25):
+            world.advance(Twist(1.0, 0.8 if step < 12 else -0.5))
+        odometry, truth = world.state.odometry, world.state.pose
+        turn = into_frame(odometry, truth).theta
+        error = np.array([odometry.x - truth.x, odometry.y - truth.y, turn])
+        total += error @ np.linalg.solve(world.odometry_P, error)
+    low, high = chi2.ppf([0.001, 0.999], 3 * runs)
+    assert low < total < high
+
+
+def test_landmarks_are_seen_at_their_rate_within_their_range_where_they_are():
+    sensors = QUIET.sensors._replace(
+        fix_rate=0.0,
+        landmark_rate=5.0,
+        landmark_range=4.0,
+        landmark_range_error_max=0.0,
+        landmark_bearing_error_max=0.0,
+    )
+    points = {7: (3.0, 1.0), -2: (5.0, 4.0), 30: (-9.0, 0.0), 4: (0.0, 3.0)}
+    landmarks = LandmarkMap(tuple(points), *(tuple(column) for column in zip(*points.values(), strict=True)))
+    world, numbers = World(QUIET._replace(sensors=sensors, landmarks=landmarks), 123), set()
+    for step in range(120):
+        arrivals, pose = world.sense(), world.state.pose
+        assert not arrivals.fixes
+        near = {n for n, point in points.items() if math.dist(point, pose[:2]) <= 4.0} if step % 2 == 0 else set()
+        assert [one.number for one in arrivals.landmarks] == [n for n in sorted(points, key=points.get) if n in near]
+        for stamp, distance, bearing, R, number, place in arrivals.landmarks:
+            assert (stamp, place) == (world.stamp, points[number])
+            end = complex(pose.x, pose.y) + cmath.rect(distance, pose.theta + bearing)
+            assert abs(end - complex(*points[number])) < 1e-9
+            np.testing.assert_allclose(R, 1e-8 * np.eye(2))
+        numbers |= near
+        world.advance(ARC)
+    assert numbers == {7, -2, 4}
+
+
+def test_errors_of_landmarks_are_as_large_as_they_claim_and_their_own():
+    sensors = QUIET.sensors._replace(landmark_rate=10.0, heading_rate=10.0, eps_xy_max=0.3)
+    landmarks = LandmarkMap((1, 2), (6.0, 6.0), (0.0, 0.0))
+    world, errors = World(QUIET._replace(sensors=sensors, landmarks=landmarks, seed=5)), []
+    for _ in range(1500):
+        arrivals = world.sense()
+        ranges = [number for one in arrivals.landmarks for number in (one.range - 6.0, one.bearing)]
+        errors.append([*ranges, arrivals.fixes[0].pose.x, arrivals.headings[0].theta])
+        world.advance(Twist(0.0, 0.0))
+    R = arrivals.landmarks[0].R
+    np.testing.assert_allclose(R, np.diag([0.1**2 / 3.0, 0.05**2 / 3.0]))
+    np.testing.assert_allclose(np.var(errors, axis=0)[:4], [*R.diagonal()] * 2, rtol=0.1)
+    # Two landmarks at one place, and the other sensors: each number has noise of its own.
+    assert np.abs(np.corrcoef(np.transpose(errors)) - np.eye(6)).max() < 0.1
+
+
+def test_the_covariances_sent_are_those_of_the_noise_and_fixes_claim_a_multiple_of_theirs():
+    sensors = SensorConfig(eps_xy_max=0.6, eps_theta_max=0.17, heading_rate=10.0, landmark_rate=10.0)
+    config = WorldConfig(sensors=sensors, landmarks=LandmarkMap((1,), (0.0,), (0.0,)), seed=4)
+    plain = World(config).sense()
+    R = np.diag([0.12, 0.12, 0.17**2 / 3.0])
+    np.testing.assert_allclose(plain.fixes[0].R, R)
+    np.testing.assert_allclose(plain.headings[0].R, [[0.087**2 / 3.0]])
+    scaled = World(config._replace(sensors=sensors._replace(fix_covariance_scale=10.0))).sense()
+    np.testing.assert_allclose(scaled.fixes[0].R, 10.0 * R)
+    np.testing.assert_array_equal(scaled.fixes[0].pose, plain.fixes[0].pose)
+    np.testing.assert_array_equal(scaled.headings[0].R, plain.headings[0].R)
+    np.testing.assert_array_equal(scaled.landmarks[0].R, plain.landmarks[0].R)
+
+
+def test_new_noise_counts_from_the_next_step():
+    world = World(QUIET)
+    world.advance(ARC)
+    sensors = QUIET.sensors._replace(eps_xy_max=0.5)
+    quiet = world.state.pose
+    world.configure(QUIET._replace(sensors=sensors, plant=QUIET.plant._replace(drive_noise=0.5)))
+    fix = world.sense().fixes[0]
+    assert world.state.pose == quiet
+    assert fix.R[0, 0] == pytest.approx(0.25 / 3.0)
+    assert abs(fix.pose.x - quiet.x) > 1e-6
+    world.advance(ARC)
+    assert world.state.twist != pytest.approx(ARC)

@@ -1,0 +1,196 @@
+"""``diffbot demo``: the first tutorial, its results against the bag as rosbags reads it, its end by signals."""
+
+import json
+import math
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+
+import graph
+import pytest
+import tutorial_run
+from bag_makers import read
+from robot import planar, stamp
+
+from diffbot_tools import cli
+from diffbot_tools.demo import make_room_for_bag
+from diffbot_tools.view.results import goal_results
+
+pytestmark = pytest.mark.graph
+
+COMMAND = (sys.executable, "-m", "diffbot_tools.cli", "demo")
+GOALS = [(0.0, 0.0, 0.0), (3.0, 2.0, math.pi / 2), (1.0, -2.0, math.pi)]
+TUTORIAL = Path(__file__).resolve().parents[2] / "docs" / "tutorials" / "first-drive.md"
+CONTRACT = Path(__file__).resolve().parents[2] / "config" / "bag_contract.yaml"
+
+
+def command(out, *arguments):
+    return [*COMMAND, "--out", str(out), "--domain", os.environ["ROS_DOMAIN_ID"], *map(str, arguments)]
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory):
+    """Run the first tutorial; return the folder of its demo, and what it printed beside what its page shows."""
+    folder = tmp_path_factory.mktemp("demo")
+    page = TUTORIAL.read_text()
+    return folder / "out" / "demo", tutorial_run.outputs(page, tutorial_run.run(page, folder))
+
+
+def test_the_bag_keeps_the_contract_of_the_demonstration(demo, capsys, kept_signal_handlers):
+    status = cli.main(["bag", "check", str(demo[0] / "bag"), str(CONTRACT)])
+    assert status == 0, capsys.readouterr().out
+
+
+def test_summary_holds_what_the_bag_says(demo):
+    bag = read(demo[0] / "bag")
+    summary = json.loads((demo[0] / "summary.json").read_text())
+    truth = [(stamp(message), *planar(message.pose.pose)) for _, message in bag["/ground_truth"]]
+    ends = {}
+    for _, message in bag["/controller/goal_results"]:  # each repeats the results before
+        for status in message.status:
+            elapsed = next(pair.value for pair in status.values if pair.key == "elapsed time [s]")
+            ends.setdefault(status.name, (stamp(message), float(elapsed)))
+    assert (summary["success"], summary["seed"], summary["clock"]) == (True, 1, "lockstep")
+    assert (summary["messages"], summary["lost"]) == (sum(map(len, bag.values())), 0)
+    assert summary["simulated_time"] == pytest.approx((truth[-1][0] - truth[0][0]) * 1e-9, abs=1e-6)
+    assert len(summary["goals"]) == len(ends) == 3
+    for goal, found, (ended, elapsed) in zip(GOALS, summary["goals"], sorted(ends.values()), strict=True):
+        assert tuple(found["goal"].values()) == pytest.approx(goal, abs=1e-12)
+        assert (found["end"], found["is_true"]) == ("reached", True)
+        assert found["time"] == pytest.approx(elapsed)
+        # The robot is nearly at rest, so that a pose more or less does not count.
+        _, x, y, theta = max(pose for pose in truth if pose[0] <= ended)
+        assert found["position_error"] == pytest.approx(math.hypot(x - goal[0], y - goal[1]), abs=0.01)
+        assert found["heading_error"] == pytest.approx(abs(math.remainder(theta - goal[2], math.tau)), abs=0.02)
+
+
+def test_table_summary_and_report_say_the_same(demo):
+    folder, shown = demo
+    summary = json.loads((folder / "summary.json").read_text())
+    rows = [line.split() for _, output in shown for line in output.splitlines() if " reached " in line]
+    cards = goal_results(folder / "bag")
+    assert [float(row[5]) for row in rows] == pytest.approx([round(one.time, 1) for one in cards])
+    assert [float(row[6]) for row in rows] == pytest.approx([round(one.position_error, 3) for one in cards])
+    assert [one["position_error"] for one in summary["goals"]] == [one.position_error for one in cards]
+
+
+def test_the_tutorial_prints_what_it_shows_and_nothing_is_left_over(demo):
+    folder, shown = demo
+    for block, output in shown:
+        assert tutorial_run.comparable(output, block.title) == tutorial_run.comparable(block.body, block.title)
+    (table,) = (output for _, output in shown if "Graph on" in output)
+    for words in ("(0.0, 0.0, 0 deg)", "(3.0, 2.0, 90 deg)", "(1.0, -2.0, 180 deg)", " 0 lost"):
+        assert words in table
+    logs = "".join(file.read_text() for file in (folder / "log").glob("*.log"))
+    assert "Traceback" not in logs
+    assert "[ERROR]" not in logs
+
+
+def children(pid):
+    return [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+def is_running(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        # The second one if it ends between the opening and the reading of the file.
+        return False
+
+
+def logged(out, node, text, process, folder="log"):
+    """Wait until a node has written this text to its log."""
+
+    def is_there():
+        assert process.popen.poll() is None, process.output
+        log = out / folder / f"{node}.log"
+        return log.is_file() and text in log.read_text()
+
+    graph.wait_for(is_there, what=f"{text!r} of {node}")
+
+
+def test_watched_it_shows_a_page_and_stays_until_signals_end_all_processes_and_leave_a_readable_bag(tmp_path):
+    out = tmp_path / "out"
+    near = "from diffbot_tools import demo; demo.GOALS = (demo.Pose(-1.7, -5.3, 0.6),)"
+    program = f"{near}\nfrom diffbot_tools import cli\nraise SystemExit(cli.main())"
+    with graph.process(sys.executable, "-c", program, *command(out, "--watch")[3:], cwd=tmp_path) as process:
+        process.wait_for_output("Page: http://127.0.0.1:")
+        process.wait_for_output("The robot is yours", 200.0)
+        assert (out / "report.html").is_file()
+        nodes = children(process.popen.pid)
+        assert len(nodes) >= 4
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGINT):
+            before = sum(map(is_running, nodes))
+            process.send(number)
+            # The next one comes when the demo is busy with ending its nodes.
+            graph.wait_for(
+                lambda before=before: process.popen.poll() is not None or sum(map(is_running, nodes)) < before
+            )
+            if process.popen.poll() is not None:
+                break
+        assert process.wait() == 0
+        assert not any(map(is_running, nodes))
+        assert "Traceback" not in process.output
+    found = read(out / "bag")
+    assert found["/ground_truth"]
+    assert len(found["/goal_pose"]) == 1
+    assert "Traceback" not in (out / "log" / "recorder.log").read_text()
+
+
+def test_a_node_that_ends_ends_the_demo_and_leaves_no_results_of_an_earlier_run(tmp_path):
+    """The old results must not stand beside the bag of a run that failed."""
+    out = tmp_path / "out"
+    for name in ("bag/bag_0.mcap", "bag/metadata.yaml", "summary.json", "path.png", "report.html"):
+        (out / name).parent.mkdir(parents=True, exist_ok=True)
+        (out / name).write_text("old")
+    with graph.process(*command(out, "--overwrite", "--real-time")) as process:
+        logged(out, "plant", "]: ready", process)
+        logged(out, "recorder", "]: ready", process)
+        nodes = children(process.popen.pid)
+        plant = next(pid for pid in nodes if b"plant_node" in Path(f"/proc/{pid}/cmdline").read_bytes())
+        # Ended by somebody else, in good order: status 0.
+        os.kill(plant, signal.SIGINT)
+        assert process.wait() == 1
+        assert "diffbot: plant ended with status 0" in process.output
+        assert not any(map(is_running, nodes))
+    assert sorted(entry.name for entry in out.iterdir()) == ["bag", "log"]
+
+
+@pytest.mark.parametrize("stop", [0.5, 1.5])
+def test_a_recorder_that_is_held_up_during_the_drive_loses_nothing(tmp_path, stop):
+    out = tmp_path / "out"
+    with graph.process(*command(out)) as process:
+        logged(out, "controller", "driving", process)
+        recorder = next(
+            pid for pid in children(process.popen.pid) if b"recorder" in Path(f"/proc/{pid}/cmdline").read_bytes()
+        )
+        os.kill(recorder, signal.SIGSTOP)
+        time.sleep(stop)
+        os.kill(recorder, signal.SIGCONT)
+        assert process.wait() == 0, process.output
+    summary = json.loads((out / "summary.json").read_text())
+    assert (len(summary["goals"]), summary["lost"]) == (3, 0)
+
+
+STARTER = """
+import os, sys, time
+from pathlib import Path
+from diffbot_tools.processes import NodeProcesses
+with NodeProcesses(int(os.environ["ROS_DOMAIN_ID"]), Path(sys.argv[1])) as nodes:
+    print(nodes.start("recorder", "diffbot_bag.recorder_node", {"uri": sys.argv[1] + "/bag"}).pid, flush=True)
+    time.sleep(600.0)
+"""
+
+
+def test_nodes_end_with_a_process_that_is_killed_and_their_bag_can_be_replaced(tmp_path):
+    with graph.process(sys.executable, "-c", STARTER, str(tmp_path)) as process:
+        logged(tmp_path, "recorder", "]: ready", process, folder="")
+        graph.wait_for(lambda: process.output.endswith("\n"), what="the number of its process")
+        process.popen.kill()
+        node = int(process.output)
+        graph.wait_for(lambda: not is_running(node), what="the end of the node")
+    (tmp_path / "bag" / "metadata.yaml").unlink(missing_ok=True)
+    make_room_for_bag(tmp_path / "bag", overwrite=True)
+    assert not (tmp_path / "bag").exists()

@@ -1,0 +1,61 @@
+"""The commands goal, dock and undock: which goals they send, in which frame, to whom."""
+
+import math
+
+import pytest
+
+from diffbot_tools.cli import main
+
+
+@pytest.fixture
+def sent(monkeypatch, kept_signal_handlers):
+    """Options of the goals that would be sent; each is reached."""
+    given = []
+    monkeypatch.setattr("diffbot_tools.drive.drive", lambda options: given.append(options) or 0)
+    return given
+
+
+def where(options):
+    return options.controller, options.frame, options.namespace
+
+
+def test_docking_where_the_robot_is_sends_one_goal_in_the_frame_of_the_dock(sent):
+    assert main(["dock", "--namespace", "left", "--timeout", "20"]) == 0
+    (goal,) = sent
+    assert (*goal.pose, goal.timeout, goal.wait) == (0.0, 0.0, 0.0, 20.0, True)
+    assert where(goal) == ("dock_controller", "dock", "left")
+
+
+@pytest.mark.parametrize(("flags", "side"), [((), -1.0), (("--backward",), 1.0)])
+def test_with_the_pose_in_map_the_robot_drives_to_the_pose_before_it_first(sent, flags, side):
+    assert main(["dock", "3", "1", str(math.pi / 2), "--distance", "0.5", *flags]) == 0
+    staging, dock = sent
+    assert staging.pose == pytest.approx((3.0, 1.0 + 0.5 * side, math.pi / 2))
+    assert where(staging) == ("controller", "map", "")
+    assert where(dock) == ("dock_controller", "dock", "")
+
+
+@pytest.mark.parametrize(("flags", "x"), [((), -0.7), (("--backward", "--distance", "1"), 1.0)])
+def test_undocking_is_a_goal_on_the_axis(sent, flags, x):
+    assert main(["undock", *flags]) == 0
+    assert sent[0].pose == (x, 0.0, 0.0)
+
+
+def test_a_pose_that_is_none_is_refused_in_one_line(sent, capsys):
+    assert main(["dock", "3", "1"]) == 1
+    assert "three numbers, or none" in capsys.readouterr().err
+    assert not sent
+
+
+@pytest.mark.parametrize(("text", "theta"), [("90deg", math.pi / 2), ("-1.5", -1.5), ("-360deg", -math.tau)])
+def test_a_heading_is_in_radians_or_in_degrees(sent, text, theta):
+    assert main(["goal", "1", "2", text]) == 0
+    assert sent[0].pose == pytest.approx((1.0, 2.0, theta))
+
+
+@pytest.mark.parametrize(("text", "hint"), [("90", "write 90deg"), ("400deg", "within a turn"), ("x", "90deg")])
+def test_a_heading_beyond_a_turn_is_refused_with_a_hint(sent, capsys, text, hint):
+    with pytest.raises(SystemExit):
+        main(["goal", "1", "2", text])
+    assert hint in capsys.readouterr().err
+    assert not sent

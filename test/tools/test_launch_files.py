@@ -1,0 +1,133 @@
+"""The launch files, run with a stand-in for ROS's launch, which has no wheel: it keeps what it is given."""
+
+import importlib.util
+import sys
+import types
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+import yaml
+from ament_index_python.packages import PackageNotFoundError
+
+from diffbot_core.errors import DiffbotError, InvalidValueError
+from diffbot_tools.bringup import ROBOT, SIMULATION
+
+ROOT = Path(__file__).resolve().parents[2]
+MODULE = "diffbot_tools.launch_files"
+NAMES = {
+    "launch": ("LaunchContext", "LaunchDescription"),
+    "launch.actions": ("DeclareLaunchArgument", "LogInfo", "OpaqueFunction", "SetEnvironmentVariable"),
+    "launch.substitutions": ("LaunchConfiguration",),
+    "launch_ros": (),
+    "launch_ros.actions": ("Node",),
+    "launch_ros.parameter_descriptions": ("ParameterValue",),
+}
+
+
+class Kept:
+    """Stands for any class of launch."""
+
+    def __init__(self, *arguments, **options):
+        self.arguments, self.options = arguments, options
+
+    def perform(self, context):
+        return context.texts[self.arguments[0]]
+
+
+@pytest.fixture
+def load(monkeypatch):
+    """Return a function that gives the description of a launch file; a context holds the texts of its arguments."""
+    for name, classes in NAMES.items():
+        module = types.ModuleType(name)
+        for one in classes:
+            setattr(module, one, type(one, (Kept,), {}))
+        monkeypatch.setitem(sys.modules, name, module)
+    monkeypatch.delitem(sys.modules, MODULE, raising=False)
+
+    def description(name):
+        spec = importlib.util.spec_from_file_location("launch_file", ROOT / "launch" / name)
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        monkeypatch.setattr(sys.modules[MODULE], "get_package_share_directory", lambda package: str(ROOT))
+        monkeypatch.setattr(sys.modules[MODULE], "get_package_prefix", installed("diffbot"))
+        return module.generate_launch_description().arguments[0]
+
+    yield description
+    sys.modules.pop(MODULE, None)
+
+
+def actions(entities, **texts):
+    """Return what is started; environment variables are set before all nodes."""
+    *declared, function = entities
+    defaults = {one.arguments[0]: one.options["default_value"] for one in declared}
+    found = function.options["function"](SimpleNamespace(texts={**defaults, **texts}, is_shutdown=False))
+    return [one for one in found if type(one).__name__ != "SetEnvironmentVariable" and not is_setting(one)]
+
+
+def is_setting(action):
+    return type(action).__name__ == "LogInfo" and action.options["msg"].startswith("ROS_AUTOMATIC_DISCOVERY_RANGE=")
+
+
+def installed(*packages):
+    """Return what ament's get_package_prefix does where only these packages are installed."""
+
+    def prefix(package):
+        if package not in packages:
+            raise PackageNotFoundError(package)
+        return "/opt/ros/jazzy"
+
+    return prefix
+
+
+@pytest.mark.parametrize(("name", "arguments"), [("robot.launch.py", ROBOT), ("simulation.launch.py", SIMULATION)])
+def test_every_argument_is_declared_and_checked_before_anything_starts(load, name, arguments):
+    entities = load(name)
+    *declared, _ = entities
+    assert [one.arguments[0] for one in declared] == [one.name for one in arguments]
+    choices = {one.arguments[0]: one.options["choices"] for one in declared}
+    assert choices["log_level"] == ["debug", "info", "warn", "error", "fatal"]
+    with pytest.raises(InvalidValueError, match=r"^composed = "):
+        actions(entities, composed="true", localization="false")
+    with pytest.raises(DiffbotError, match=r"^rviz2 is not installed$"):
+        actions(entities, rviz="true")
+
+
+LIMITS = {
+    "linear.x.max_velocity": 0.2,
+    "angular.z.max_velocity": 1.0,
+    "linear.x.max_acceleration": 0.5,
+    "angular.z.max_acceleration": 2.0,
+}
+
+
+def parameter_file(path, limits, node="/**/controller"):
+    path.write_text(yaml.safe_dump({node: {"ros__parameters": limits}}))
+    return str(path)
+
+
+def test_a_robot_without_one_of_its_limits_is_not_started_and_a_simulated_one_is(load, tmp_path):
+    some = {name: value for name, value in LIMITS.items() if name != "linear.x.max_velocity"}
+    file = parameter_file(tmp_path / "robot.yaml", some)
+    with pytest.raises(DiffbotError, match=r"robot\.yaml: /\*\*/controller lacks linear\.x\.max_velocity:"):
+        actions(load("robot.launch.py"), parameters=file)
+    # Those of another node do not count.
+    other = parameter_file(tmp_path / "other.yaml", LIMITS, "/**/ekf")
+    with pytest.raises(DiffbotError, match=r"has no section /\*\*/controller"):
+        actions(load("robot.launch.py"), parameters=other)
+    assert actions(load("simulation.launch.py"), parameters=file, description="false")
+
+
+def test_nodes_get_texts_verbatim_and_numbers_as_they_are(load, tmp_path):
+    nodes = actions(
+        load("simulation.launch.py"), bag=str(tmp_path / "2026"), namespace="r1", x="1.5", description="false"
+    )
+    recorder, plant = nodes[0].options, nodes[-1].options
+    assert (recorder["package"], recorder["executable"], recorder["name"]) == ("diffbot", "recorder_node", "recorder")
+    (values,) = recorder["parameters"]  # the file is not for it
+    assert Path(plant["parameters"][0]).name == "diffbot.yaml"
+    assert values["uri"].arguments == (str(tmp_path / "2026"),)
+    assert values["uri"].options == {"value_type": str}
+    assert plant["parameters"][1]["initial_pose.x"] == 1.5
+    assert {node.options["namespace"] for node in nodes} == {"r1"}
+    assert {tuple(node.options["remappings"]) for node in nodes} == {(("/tf", "tf"), ("/tf_static", "tf_static"))}
