@@ -119,6 +119,8 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         before, self.supervisor = self.supervisor, Supervisor(self.config.supervisor, self.supervisor.law)
         # The ends of earlier goals may not be published yet, and a switch may report its changes only.
         self.supervisor.goals, self.supervisor.contact = before.goals, before.contact
+        # From now on a suspension is noticed, even before the first pose.
+        self.supervisor.on_tick(self.now(), time.monotonic())
 
     def deactivate(self) -> None:
         """Stop the robot, cancel the goal and leave cmd_vel to others."""

@@ -7,11 +7,14 @@ from types import SimpleNamespace
 
 import graph
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from robot import LATCHED, ON_TRUTH, TRUE_POSES, distance, robot
+from robot import LATCHED, ON_TRUTH, TRUE_POSES, distance, pose_stamped, robot
 
+from diffbot_control import controller_node
+from diffbot_control.controller_node import ControllerNode
 from diffbot_control.ros.goals import client
 from diffbot_control.ros.goals.client import LOST, GoalClient, GoalTask
 from diffbot_core.geometry import Pose
+from diffbot_core.uncertainty import CERTAIN
 
 START, GOAL = Pose(-4.0, 0.2, 0.0), Pose(1.0, 0.2, 0.0)
 PLANT = {"initial_pose.x": START.x, "initial_pose.y": START.y, "initial_pose.yaw": START.theta}
@@ -67,6 +70,17 @@ def test_a_controller_that_is_suspended_until_its_clients_have_lost_it_ends_its_
         assert (answer.name, answer.message) == (lost.id, "not reached")
         assert graph.values(answer)["reason"].startswith("the controller was suspended for ")
         bare.wait_for_state("goal not reached")
+
+
+def test_a_suspension_right_after_the_activation_ends_the_goal_before_the_first_pose_is_used(nodes, monkeypatch):
+    node = nodes.add(ControllerNode)
+    node.goals.accept(pose_stamped(1.0, 0.0, 0.0), "action", "1" * 32)
+    resumed = time.monotonic() + 2.5
+    monkeypatch.setattr(controller_node, "time", SimpleNamespace(monotonic=lambda: resumed))
+    node.take_pose(1, START, CERTAIN)
+    (ended,) = node.supervisor.goals.ended
+    assert ended.end == "not reached"
+    assert ended.reason == "the controller was suspended for 2.5 s"
 
 
 def test_a_loss_that_messages_contradict_is_none(monkeypatch):
