@@ -245,7 +245,7 @@ def _read(
         for role, model in users[message.topic]:
             try:
                 model.add(role, content, received)
-            except DiffbotError:
+            except (DiffbotError, AttributeError, TypeError, ValueError):  # the bag's definition may lack a field
                 malformed += 1
 
     with tqdm(

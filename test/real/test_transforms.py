@@ -4,14 +4,19 @@ import math
 import time
 
 import graph
+import one_process
 import pytest
+from filter_input import START, fix, odometry, timed
 from nav_msgs.msg import Odometry
 from overlay import program
 from rclpy.action import ActionClient
 from rclpy.time import Time
 from robot import SIMULATED, planar, pose_stamped, robot, yaw
+from sensor_msgs.msg import Imu
 from tf2_msgs.action import LookupTransform
 from tf2_ros import Buffer, TransformException, TransformListener
+
+from diffbot_control.ekf_node import EkfNode
 
 LOOKUPS = 1000
 MAX_AGE = 5.0
@@ -156,3 +161,31 @@ def in_map(transform, pose):
     x = transform.translation.x + pose[0] * math.cos(turn) - pose[1] * math.sin(turn)
     y = transform.translation.y + pose[0] * math.sin(turn) + pose[1] * math.cos(turn)
     return x, y, pose[2] + turn
+
+
+def upside_down(time, rate):
+    """Return what a gyro upside down measures while the robot turns by ``rate`` [rad/s]."""
+    message = timed(Imu(), time)
+    message.header.frame_id = "imu_link"
+    message.angular_velocity.z = -rate
+    message.angular_velocity_covariance[[0, 4, 8]] = 2.5e-5
+    return message
+
+
+@pytest.mark.parametrize("is_known", [True, False])
+def test_a_gyro_upside_down_agrees_with_the_wheels_through_its_transform_alone(is_known):
+    frame = "imu_link" if is_known else "elsewhere"
+    words = ("--roll", math.pi, "--frame-id", "base_link", "--child-frame-id", frame)
+    with one_process.nodes() as nodes, program("tf2_ros", "static_transform_publisher", *words) as publisher:
+        publisher.wait_for_output("Spinning until stopped")
+        fed = one_process.Fed(nodes, EkfNode, {"use_gyro": True, "sensor_timeout": 600.0, "reliable_inputs": True})
+        buffer = Buffer()
+        TransformListener(buffer, nodes.peer.node)
+        nodes.peer.spin_until(lambda: buffer.can_transform("base_link", frame, Time()), what="the transform")
+        fed.send("global_pose", fix())
+        for step in range(1, 60):
+            fed.send("imu", upside_down(START + 0.1 * step, 0.8))
+            fed.send("odom", odometry(START + 0.1 * step, omega=0.8))
+        fed.node._check_and_report()
+        _, text = fed.node.health_level()
+    assert ("sign opposite to that of odom" in text) == (not is_known), text
