@@ -75,7 +75,7 @@ class Run:
 
     def correlation(self):
         """Return the correlation of neighbouring errors that the filter found."""
-        return noise.correlation_after(self.row, 0.0)
+        return noise.assumed_correlation(self.row, 0.0)
 
     def scales(self):
         return np.array([noise.scale_of(self.row, False), noise.scale_of(self.row, True)])

@@ -24,9 +24,9 @@ def statistic(rng, c):
     for _ in range(200):
         y = next(errors)
         columns = 0.5 * (y - before) ** 2, 0.0 * y, y * before, y**2, np.ones(3)
-        noise.learn(row, np.array([[one[:2].sum() for one in columns], [one[2] for one in columns]]), DT)
+        noise.add_pair(row, np.array([[one[:2].sum() for one in columns], [one[2] for one in columns]]), DT)
         before = y
-    noise.find(row)
+    noise.update_scale_and_time(row)
     return row
 
 
@@ -34,7 +34,7 @@ def statistic(rng, c):
 def test_the_correlation_is_found_within_the_deviation_of_an_estimate_from_so_many_errors(c):
     rng = np.random.default_rng(1)
     rows = [statistic(rng, c) for _ in range(40)]
-    found, deviation = [noise.correlation_after(row, 0.0) for row in rows], math.sqrt((1.0 - c * c) / 600.0)
+    found, deviation = [noise.assumed_correlation(row, 0.0) for row in rows], math.sqrt((1.0 - c * c) / 600.0)
     np.testing.assert_allclose([row[noise.TIME] for row in rows], -DT / np.log(found))
     assert np.std(found) < 1.5 * deviation
     assert np.mean(found) == pytest.approx(c, abs=4.0 * deviation / math.sqrt(40) + (1.0 + 3.0 * c) / 600.0)
@@ -63,8 +63,8 @@ def test_right_means_give_the_correlation(c):
             1.0,
         )
         row[noise.PERIOD] = DT
-        noise.find(row)
-        return noise.correlation_after(row, 0.0)
+        noise.update_scale_and_time(row)
+        return noise.assumed_correlation(row, 0.0)
 
     # Of noise with variance R: half the squared difference 1 - c, the product of neighbours c.
     assert found(1.0 - c, 0.0, c) == pytest.approx(c)
@@ -178,9 +178,9 @@ def test_an_outlier_a_long_way_the_same_time_or_a_repetition_makes_no_pair(bad):
     row, (difference, motion, dt) = np.empty(noise.COLUMNS), bad
     noise.clear(row)
     before = row.copy()
-    noise.learn(row, np.array([[difference, motion, 1.0, 1.0, 2.0], [0.0] * 5]), dt)
+    noise.add_pair(row, np.array([[difference, motion, 1.0, 1.0, 2.0], [0.0] * 5]), dt)
     np.testing.assert_array_equal(row, before)
-    noise.learn(row, np.array([[59.0, 1.9, 1.0, 1.0, 2.0], [0.0] * 5]), 0.4)
+    noise.add_pair(row, np.array([[59.0, 1.9, 1.0, 1.0, 2.0], [0.0] * 5]), 0.4)
     assert row[noise.PAIRS] == 1.0
 
 
@@ -189,7 +189,7 @@ def test_nis_and_autocorrelation_are_plain_means_at_first_and_fade_then():
     u, nis = rng.normal(size=(400, 3)), rng.chisquare(3, 400)
     products = np.array([np.nan, *np.mean(u[1:] * u[:-1], axis=1)])
     for k in range(400):
-        noise.observe(row, nis[k], u[k] @ u[k - 1], 3, k > 0)
+        noise.add_innovation(row, nis[k], u[k] @ u[k - 1], 3, k > 0)
         if k + 1 <= 50:
             assert row[noise.NIS] == pytest.approx(np.mean(nis[: k + 1]) / 3.0)
         if 0 < k <= 100:
