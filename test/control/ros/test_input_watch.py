@@ -54,9 +54,9 @@ def test_simulated_time_that_is_received_late_is_no_offset():
 @pytest.mark.parametrize(
     ("turns", "text"),
     [
-        (Agreement(opposed=MOTION), "sign opposite"),
-        (Agreement(only_first=MOTION), "imu shows no turn while odom does"),
-        (Agreement(only_second=MOTION), "odom shows no turn while imu does"),
+        (Agreement(opposed=MOTION), "turn rates of imu and odom have opposite signs"),
+        (Agreement(only_first=MOTION), "odom shows a turn, but imu does not"),
+        (Agreement(only_second=MOTION), "imu shows a turn, but odom does not"),
         (Agreement(scaled=MOTION), "factor of ten"),
         (Agreement(agreed=0.5 * MOTION, opposed=0.5 * MOTION), ""),
         (Agreement(opposed=0.9 * MOTION), ""),
