@@ -162,7 +162,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         return event is not None and (time.monotonic_ns() - event) * S_PER_NS <= self.config.sensor_timeout
 
     def _reason(self, state: str) -> str:
-        """Return the reason for a state; empty if there is no further reason."""
+        """Return the reason for a state; empty if the state needs none."""
         faults = [] if state in (RUNNING, INACTIVE) else list(self._faults.values())
         if state == CONTRADICTED:
             faults.insert(0, self.localization.contradiction.cause)
@@ -290,7 +290,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         self._watch.receive_frame(message.header.frame_id, expected)
         with suppress(BadMessageError):  # the filter only needs the twist
             self._watch.odometry.add(step.stamp, pose_of(message.pose.pose), step.twist)
-        estimate = self._answer(step)
+        estimate = self._fuse_odometry(step)
         if self._transforms is not None and self.is_active and not self.localization.contradiction.cause:
             self._transforms.send(estimate.stamp, estimate.pose, pose_of(message.pose.pose))
 
@@ -300,7 +300,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         if step is None:
             self.health.counted["joint_states of other joints"] += 1
             return
-        estimate = self._answer(step)
+        estimate = self._fuse_odometry(step)
         self._newest = estimate, step
 
     def _on_odometry_pose(self, message: Odometry) -> None:
@@ -316,7 +316,8 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
             twist, _ = self.localization.twist_of(estimate, step)
             self._transforms.send(stamp, move(estimate.pose, twist, dt), in_odom)
 
-    def _answer(self, odometry: OdometryStep) -> FilterEstimate:
+    def _fuse_odometry(self, odometry: OdometryStep) -> FilterEstimate:
+        """Move the filter to the stamp of an odometry, and publish the estimate if the node is active."""
         self._last_arrival = now = time.monotonic_ns()
         self._watch.clocks.add(self.config.odometry_source, odometry.stamp, self._now_ns())
         acts_for, is_simulated = math.inf, self.clock_watch.is_simulated
@@ -342,14 +343,14 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
                 self._publish_status()
             return estimate
         if self.pose_receiver is not None:
-            self._hand_over(estimate, self.pose_receiver)
+            self._call_receiver(estimate, self.pose_receiver)
         self._outputs.send_pose(estimate)
         if self._last_state != RUNNING:
             self._publish_status()
         self._outputs.send_filtered(estimate, *self.localization.twist_of(estimate, odometry))
         return estimate
 
-    def _hand_over(self, estimate: FilterEstimate, receiver: PoseReceiver) -> None:
+    def _call_receiver(self, estimate: FilterEstimate, receiver: PoseReceiver) -> None:
         """Pass an estimate to the controller of this process, with the numbers that a message would contain."""
         pose, uncertainty = pose_in_message(estimate.pose), uncertainty_of(estimate.P)
         # The controller would drop a message that is not finite.

@@ -105,7 +105,7 @@ class Sensor(ABC):
     """A source of measurements."""
 
     usual_delay = 0.0
-    """[s] typical time from a measurement until it is published; more delay is reported as a fault"""
+    """[s] typical delay from a measurement until its message is published"""
 
     def __init__(self, topic: str, message_type: str, noise: KnownNoise, frame: str) -> None:
         """Create the sensor.

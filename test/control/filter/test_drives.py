@@ -17,7 +17,7 @@ from diffbot_control.filter.measurement import LANDMARKS
 from diffbot_core.geometry import Pose
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_with_all_sensors_late_biased_and_with_outliers_the_estimate_is_accurate_and_consistent(seed):
     nees, errors = [], []
     for found, estimate, robot in all_sensors(seed, 60.0):
@@ -42,10 +42,8 @@ def test_with_all_sensors_late_biased_and_with_outliers_the_estimate_is_accurate
     assert all(one.assumed == 0.0 and one.nis == pytest.approx(1.0, abs=0.3) for one in sources.values())
 
 
-@pytest.mark.parametrize("factor", [0.1, 100.0])
-@pytest.mark.parametrize("which", [(True, False), (False, True), (True, True)])
-def test_the_fuzzy_rules_correct_a_wrong_r(factor, which):
-    scales = np.where(which, factor, 1.0)
+@pytest.mark.parametrize("scales", [(0.1, 0.1), (100.0, 1.0), (1.0, 100.0)])
+def test_the_fuzzy_rules_correct_a_wrong_r(scales):
     run = Run("fixes", 0.0, 1, scales, filter="ekf_fnn", gate_probability=1.0)
     assert np.abs(np.log(run.scales() / scales)).max() < math.log(2.0)
     assert run.row[noise.TIME] == 0.0

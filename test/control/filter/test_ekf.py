@@ -75,7 +75,7 @@ def test_known_errors_have_no_random_walk():
     assert found.x[3:].tolist() == [0.02, *[0.0] * 6]
 
 
-KINDS = [(kind, n) for kind in (models.POSE_FIX, models.POSITION_FIX, models.HEADING) for n in (3, 6, 7, 10)]
+KINDS = [(kind, n) for kind in (models.POSE_FIX, models.POSITION_FIX, models.HEADING) for n in (3, 10)]
 KINDS += [(kind, 10) for kind in (models.LANDMARK, models.RANGE, models.BEARING)]
 
 
@@ -190,7 +190,7 @@ def test_the_gate_rejects_relocates_and_widens_according_to_the_rejection_streak
 
 
 @pytest.mark.parametrize("kind", [models.POSE_FIX, models.POSITION_FIX])
-@pytest.mark.parametrize("n", [3, 6, 10])
+@pytest.mark.parametrize("n", [3, 10])
 def test_a_relocated_filter_equals_a_filter_that_started_with_the_first_rejected_fix(kind, n):
     found, numbers, rng = filled(n, 1)
     m, R = len(ROWS[kind]), covariance(rng, 3, 0.1, 0.2)

@@ -34,7 +34,7 @@ def test_the_correlation_follows_from_the_means_of_differences_and_products(c):
     assert estimated(1.0 - c, 0.0, c, 1.0) == 0.0, "there is one pair only"
 
 
-@pytest.mark.parametrize(("position", "angle"), [(10.0, 1.0), (1.0, 10.0), (0.1, 0.1), (0.1, 10.0)])
+@pytest.mark.parametrize(("position", "angle"), [(10.0, 1.0), (1.0, 10.0), (0.1, 10.0)])
 def test_a_scale_above_1_is_estimated_for_position_and_heading_separately(position, angle):
     runs = [Run("fixes", 0.0, seed, (position, angle), 0.01, gate_probability=1.0) for seed in range(8)]
     estimated = np.exp(np.mean([np.log(run.scales()) for run in runs], axis=0))

@@ -44,7 +44,7 @@ def fix(time, x=0.0):
     return pose_fix(BEGIN + round(time * 1e9), Pose(x, 0.0, 0.0), SURE)
 
 
-@pytest.mark.parametrize("age", [1.0, 600.0, 100_000.0])
+@pytest.mark.parametrize("age", [1.0, 100_000.0])
 def test_a_fix_of_any_age_starts_the_filter_if_the_robot_is_at_rest(age):
     for is_first in (True, False):
         found = unstarted()
@@ -77,7 +77,7 @@ def test_the_deviation_of_a_fix_before_the_history_is_the_length_of_the_known_pa
         found.initialised = False
 
 
-@pytest.mark.parametrize("ahead", [5.0, 3600.0, 1e9])
+@pytest.mark.parametrize("ahead", [5.0, 1e9])
 def test_a_fix_ahead_of_the_odometry_does_not_start_the_filter(ahead):
     found = unstarted()
     found.on_measurement(fix(ahead))  # before any odometry
@@ -119,7 +119,7 @@ def stepped(step, acts_for=math.inf):
     return found, rows
 
 
-@pytest.mark.parametrize("step", [-0.2, -0.3, -0.8, -0.95, -5.0, -2000.0])
+@pytest.mark.parametrize("step", [-0.2, -0.95, -5.0, -2000.0])
 def test_after_the_clock_was_set_back_one_odometry_is_dropped_and_the_estimate_stays_right(step):
     found, rows = stepped(step)
     assert [row[1] for row in rows if len(row) == 2] == ["out of order"]
@@ -128,7 +128,7 @@ def test_after_the_clock_was_set_back_one_odometry_is_dropped_and_the_estimate_s
     assert rows[-1][2] < 0.03
 
 
-@pytest.mark.parametrize("step", [0.3, 0.8, 30.0, 900.0, 1e6])
+@pytest.mark.parametrize("step", [0.3, 30.0, 1e6])
 def test_after_the_clock_was_set_forward_the_estimate_is_uncertain_until_the_next_fix(step):
     _, rows = stepped(step, acts_for=0.1)
     assert all(error < 3.0 * sigma + 0.01 for _, error, sigma in rows)
