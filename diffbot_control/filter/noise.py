@@ -3,10 +3,10 @@
 Model: the errors of a source have the covariance s R, where R is the claimed covariance. Each error is c times the
 previous error plus an independent part. Two means over pairs of neighbouring measurements determine s and c:
 
-- Half the squared difference of two neighbours, minus the motion between them, has the mean s (1 - c) R plus the
-  variance of the odometry. A drift of the estimate cancels in the difference.
-- The product of two neighbouring innovations has the mean s c R, minus the part of the errors that the filter follows.
-  If the errors are independent, this mean is 0.
+- The difference of two neighbours, corrected by the motion between them. Half its square has the mean s (1 - c) R plus
+  the variance of the odometry. A drift of the estimate cancels in the difference.
+- The product of two neighbouring innovations. Its mean is s c R, minus the part of the errors that the filter follows.
+  If the errors are independent, the mean is 0.
 
 The statistic of a source is one row of an array. A row has two channels: one for positions and ranges, one for headings
 and bearings. It also contains the mean NIS and the autocorrelation of the innovations, which show an overconfident
