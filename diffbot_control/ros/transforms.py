@@ -57,7 +57,10 @@ NO_TRANSFORMS = NoTransforms()
 
 
 class LastTransform:
-    """Caches the last transform, since successive lookups are mostly equal."""
+    """Caches the last transform, since successive lookups are mostly equal.
+
+    The newest transform (stamp 0) is also cached, so look it up only between frames that are fixed to each other.
+    """
 
     def __init__(self, make: Callable[[], Transforms]) -> None:
         """Store the function that starts to receive transforms; the first lookup calls it."""
