@@ -1,4 +1,4 @@
-"""The node ``ekf``: odometry, fixes, headings and landmarks -> pose and odometry/filtered."""
+"""The node ``ekf``: estimates the pose from odometry, fixes, headings, turn rates and landmarks."""
 
 from __future__ import annotations
 
@@ -48,14 +48,15 @@ RUNNING = "running"
 SILENT = "no odometry"
 CONTRADICTED = "poses withheld"
 STANDSTILL = "odometry stands still"
-"""Reason in /diagnostics if messages arrive whose stamps do not advance."""
+"""Reason in /diagnostics if the stamps of the arriving odometry do not advance."""
 _STATUS_PERIOD = 0.5
+"""[s]"""
 _MAX_SLIP = 3.0
-"""[s] Wheels and gyro that contradict each other for longer are reported."""
+"""[s] longest disagreement of wheels and gyro that is not reported"""
 _FAULT_LOG_PERIOD = 60.0
-"""[s] between two log entries about the same fault of an input"""
+"""[s] time between two log entries about the same fault of an input"""
 _SAVE_PERIOD = 5.0
-"""[s] between two saves of the state file, which is what a crash can lose"""
+"""[s] time between two saves of the state file; a crash loses at most this time"""
 
 PoseReceiver = Callable[[int, Pose, Uncertainty], None]
 """Receives stamp [ns], pose in ``map_frame`` and uncertainty of an estimate."""
@@ -65,7 +66,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
     """Answers each odometry message with one pose that has the same stamp."""
 
     pose_receiver: PoseReceiver | None = None
-    """called with each estimate before it is published, see robot_node"""
+    """called with each estimate before it is published, see :mod:`robot_node`"""
 
     def __init__(self, **node_options: Any) -> None:
         """Create the node, and start it if ``autostart`` is set."""
@@ -89,19 +90,19 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         self._last_state = ""
         self._odometry_stamps = StampWatch()
         self._last_odometry: int | None = None
-        """[ns] steady time of the newest odometry that was accepted and whose stamp advanced"""
+        """[ns] steady time when the newest valid odometry with an advancing stamp arrived"""
         self._last_arrival: int | None = None
-        """[ns] steady time of the newest odometry of any kind"""
+        """[ns] steady time when the newest odometry arrived, even if it was dropped"""
         self._last_gyro: int | None = None
-        """[ns] steady time of the newest turn rate that was used"""
-        self._mounting = LastTransform(partial(transforms_of, self, config.sensor_timeout))
-        self._inputs = EkfInputs(config, self._mounting)
+        """[ns] steady time when the newest valid turn rate arrived"""
+        self._sensor_transforms = LastTransform(partial(transforms_of, self, config.sensor_timeout))
+        self._inputs = EkfInputs(config, self._sensor_transforms)
         self._watch_inputs()
         self._latched: dict[str, Any] = {}
-        """subscriptions to latched fixes from before the start, by topic"""
+        """subscriptions to latched fixes by topic, until the filter is initialised"""
         self._keeper = self._restore()
         qos = sensor_qos(config.reliable_inputs)
-        # Sensors before odometry: an executor that finds both waiting handles them in this order.
+        # Sensors first: the executor handles waiting messages in the order of the subscriptions.
         for topic, sensor in self._inputs.sensors.items():
             self.subscribe(_message_class(sensor.message_type), topic, partial(self._on_sensor, topic), qos)
         self.subscribe(PoseWithCovarianceStamped, "initialpose", self._on_initialpose)
@@ -118,24 +119,24 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
             self.create_timer(_SAVE_PERIOD, self._save, clock=self.steady_clock)
 
     def _watch_inputs(self) -> None:
-        """Prepare the search for faults in the wiring."""
+        """Prepare the detection of faults in the wiring of the inputs."""
         config = self.config
-        delays = {topic: one.usual_delay for topic, one in self._inputs.sensors.items()}
+        delays = {topic: sensor.usual_delay for topic, sensor in self._inputs.sensors.items()}
         self._watch = InputWatch(config.odometry_source, (config.left_wheel_name, config.right_wheel_name), delays)
         self._clock_steps = ForwardSteps()
         self._window_end = time.monotonic() + WINDOW
         self._faults: dict[str, str] = {}
-        """a text about each fault of the inputs, by the input at fault"""
+        """one text for each fault of the inputs, by the faulty input"""
         self._fault_log = Throttle(_FAULT_LOG_PERIOD)
 
     def on_config(self, config: EkfNodeConfig) -> None:
-        """Apply changed options."""
+        """Apply changed parameters."""
         self.localization.configure(config.localization, config.wheels.wheel_separation)
         self.localization.max_extrapolation = config.sensor_timeout
-        self._inputs = EkfInputs(config, self._mounting)
+        self._inputs = EkfInputs(config, self._sensor_transforms)
 
     def activate(self) -> None:
-        """Publish from the next odometry on; an inactive filter fuses as well, so its estimate is up to date."""
+        """Publish from the next odometry on; the filter also runs while the node is inactive."""
         self._publish_status()
 
     def deactivate(self) -> None:
@@ -161,7 +162,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         return event is not None and (time.monotonic_ns() - event) * S_PER_NS <= self.config.sensor_timeout
 
     def _reason(self, state: str) -> str:
-        """Return why the filter does not run; empty if the state says it all."""
+        """Return the reason for a state; empty if the state needs none."""
         faults = [] if state in (RUNNING, INACTIVE) else list(self._faults.values())
         if state == CONTRADICTED:
             faults.insert(0, self.localization.contradiction.cause)
@@ -171,15 +172,16 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
             missing = [] if self._is_recent(self._last_odometry) else [self.config.odometry_source]
             if state == WAITING:
                 sensors = self._inputs.sensors.items()
-                missing += [topic for topic, one in sensors if isinstance(one, FixSensor | DockSensor)]
+                missing += [topic for topic, sensor in sensors if isinstance(sensor, FixSensor | DockSensor)]
             faults += filter(None, map(self._why_silent, missing))
         return "; ".join(faults)
 
     def _why_silent(self, topic: str) -> str:
-        """Return why a topic is silent; empty if it is not."""
+        """Return why no message arrives on a topic; empty if messages arrive."""
+        if problem := self.input_problem(topic):
+            return problem
         age = time.monotonic() - self.health.last_received.get(topic, -math.inf)
-        is_silent = age > self.config.sensor_timeout
-        return self.input_problem(topic) or f"nothing arrives on {self.resolve_topic_name(topic)}" * is_silent
+        return f"nothing arrives on {self.resolve_topic_name(topic)}" if age > self.config.sensor_timeout else ""
 
     def _level(self, state: str) -> int:
         if state in (RUNNING, INACTIVE):
@@ -187,13 +189,13 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         return int((DiagnosticStatus.WARN if state == WAITING else DiagnosticStatus.ERROR)[0])
 
     def health_level(self) -> tuple[int, str]:
-        """Report the filter's state in /diagnostics."""
+        """Return level and message of the node for /diagnostics."""
         level, text = super().health_level()
         state, consistency = self.state(), self.localization.consistency()
         warnings = []
         if reason := self._reason(state):
             warnings.append(reason)
-        warnings += [one for one in self._faults.values() if one not in reason]
+        warnings += [fault for fault in self._faults.values() if fault not in reason]
         if any(one.nis > one.alarm for one in consistency.values()):
             warnings.append("innovations larger than the covariances allow")
         if self.config.localization.filter.use_gyro and self.localization.initialised:
@@ -212,7 +214,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         content = self._inputs.sensors[topic].read(message)
         self._watch.clocks.add(topic, measured_ns(message.header.stamp), self._now_ns())
         if content.unknown:
-            self.health.counted[f"{topic} of unknown number"] += content.unknown
+            self.health.counted[f"{topic} with unknown ids"] += content.unknown
         fuse(content, self.localization, partial(self._drop_one, topic))
         if content.gyro is not None:
             self._last_gyro = time.monotonic_ns()
@@ -228,7 +230,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         return int(self.get_clock().handle.get_now().nanoseconds)
 
     def _receive_latched(self) -> None:
-        """Receive fixes that were latched before the start. AMCL, for instance, publishes again only after a motion."""
+        """Subscribe to latched fixes until the filter is initialised: AMCL publishes a new fix only after a motion."""
         if self.localization.initialised:
             while self._latched:
                 self.destroy_subscription(self._latched.popitem()[1])
@@ -240,7 +242,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
             if any(one.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for one in publishers):
                 receive = self.contained(partial(self._on_latched, topic), topic)
                 kind = _message_class(sensor.message_type)
-                # Not by subscribe(): the parameters of the topic's QoS belong to its other subscription.
+                # Not by subscribe(), since QoS parameters of the topic apply to its other subscription.
                 self._latched[topic] = Node.create_subscription(self, kind, topic, receive, LATCHED)
 
     def _on_latched(self, topic: str, message: Any) -> None:
@@ -248,7 +250,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
             self._on_sensor(topic, message)
 
     def _drop_one(self, topic: str, error: BadMessageError) -> None:
-        """Count one measurement of several; the others of the message may be good."""
+        """Count and log one dropped measurement of a message with several measurements."""
         if self.health.drop(topic, error.kind, str(error)):
             self.get_logger().warning(f"{topic}: dropped: {error} (logged once; see /diagnostics)")
 
@@ -263,7 +265,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
             # The robot must be able to start without the state.
             self.get_logger().error(f"state not restored: {error}")
         except DiffbotError as error:
-            self.get_logger().error(f"state not restored, and none will be saved: {error}")
+            self.get_logger().error(f"state not restored, and it will not be saved: {error}")
             return None
         return keeper
 
@@ -286,9 +288,9 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         step = self._inputs.odometry(message)
         expected = odometry_frame(self.config) if self.config.publish_tf else ""
         self._watch.receive_frame(message.header.frame_id, expected)
-        with suppress(BadMessageError):  # the filter does not need the pose
+        with suppress(BadMessageError):  # the filter only needs the twist
             self._watch.odometry.add(step.stamp, pose_of(message.pose.pose), step.twist)
-        estimate = self._answer(step)
+        estimate = self._fuse_odometry(step)
         if self._transforms is not None and self.is_active and not self.localization.contradiction.cause:
             self._transforms.send(estimate.stamp, estimate.pose, pose_of(message.pose.pose))
 
@@ -298,11 +300,11 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         if step is None:
             self.health.counted["joint_states of other joints"] += 1
             return
-        estimate = self._answer(step)
+        estimate = self._fuse_odometry(step)
         self._newest = estimate, step
 
     def _on_odometry_pose(self, message: Odometry) -> None:
-        """Send the transform to the odometry's frame while joint_states predict the motion."""
+        """Publish map -> odom while joint_states predict the motion."""
         stamp, in_odom = self._inputs.odometry(message).stamp, pose_of(message.pose.pose)
         if self._transforms is None or self._newest is None:
             return
@@ -314,7 +316,8 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
             twist, _ = self.localization.twist_of(estimate, step)
             self._transforms.send(stamp, move(estimate.pose, twist, dt), in_odom)
 
-    def _answer(self, odometry: OdometryStep) -> FilterEstimate:
+    def _fuse_odometry(self, odometry: OdometryStep) -> FilterEstimate:
+        """Move the filter to the stamp of an odometry, and publish the estimate if the node is active."""
         self._last_arrival = now = time.monotonic_ns()
         self._watch.clocks.add(self.config.odometry_source, odometry.stamp, self._now_ns())
         acts_for, is_simulated = math.inf, self.clock_watch.is_simulated
@@ -323,11 +326,11 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
             acts_for = self._clock_steps.passed(odometry.stamp, now * S_PER_NS)
         advances = self._odometry_stamps.advances(odometry.stamp)
         if advances and not self.localization.initialised:
-            # The filter refuses it only because it has no fix.
+            # Without a fix, on_odometry raises an error also for a valid odometry.
             self._last_odometry = now
         estimate = self.localization.on_odometry(odometry, acts_for)
         if acts_for < math.inf:
-            self.health.counted["steps forward of the clock of the odometry"] += 1
+            self.health.counted["forward steps of the odometry clock"] += 1
         if advances:
             self._last_odometry = now
         else:
@@ -335,22 +338,22 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         if not self.is_active:
             return estimate
         if self.localization.contradiction.cause:
-            # This estimate must not drive a robot.
+            # A wrong estimate must not drive the robot.
             if self._last_state != CONTRADICTED:
                 self._publish_status()
             return estimate
         if self.pose_receiver is not None:
-            self._hand_over(estimate, self.pose_receiver)
+            self._call_receiver(estimate, self.pose_receiver)
         self._outputs.send_pose(estimate)
         if self._last_state != RUNNING:
             self._publish_status()
         self._outputs.send_filtered(estimate, *self.localization.twist_of(estimate, odometry))
         return estimate
 
-    def _hand_over(self, estimate: FilterEstimate, receiver: PoseReceiver) -> None:
-        """Pass an estimate to the controller of this process, with the same numbers as in the message."""
+    def _call_receiver(self, estimate: FilterEstimate, receiver: PoseReceiver) -> None:
+        """Pass an estimate to the controller of this process, with the numbers that a message would contain."""
         pose, uncertainty = pose_in_message(estimate.pose), uncertainty_of(estimate.P)
-        # The only check of a message that can fail here: a filter that has failed must not drive the robot.
+        # The controller would drop a message that is not finite.
         if math.isfinite(sum(pose) + sum(uncertainty)):
             receiver(estimate.stamp, pose, uncertainty)
 
@@ -394,14 +397,14 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         self._statuses.publish(status_message(self.get_fully_qualified_name(), self._level(state), state, values))
 
     def details(self) -> dict[str, str]:
-        """Return the filter's values for ~/status and /diagnostics."""
+        """Return the values of the filter for ~/status and /diagnostics."""
         values = {"filter": self.config.localization.filter.filter}
         if self.localization.initialised:
             values |= localization_values(self.localization)
         if self.localization.slips:
             values["odometry steps against the gyro"] = str(self.localization.slips)
         if self.localization.clock_set_back:
-            values["steps backward of the clock of the odometry"] = str(self.localization.clock_set_back)
+            values["backward steps of the odometry clock"] = str(self.localization.clock_set_back)
         if self.localization.dropped_before_odometry:
             values["measurements before the first odometry"] = str(self.localization.dropped_before_odometry)
         return values

@@ -12,33 +12,35 @@ from diffbot_core.ros.run import run
 
 
 class RobotControllerNode(ControllerNode):
-    """The controller, which receives the pose from the filter of its process by a call."""
+    """The controller, which receives poses by calls of the ekf in the same process."""
 
     def __init__(self, ekf: EkfNode, **node_options: Any) -> None:
         """Create the node.
 
         Args:
-            ekf: the filter, in the same context.
+            ekf: node ``ekf`` in the same context.
             node_options: options of rclpy's Node.
 
         Raises:
-            DiffbotError: if the frames of the two nodes differ, or a parameter is not allowed.
+            DiffbotError: if the frames of the two nodes differ, or a parameter is invalid.
         """
         self._ekf = ekf
         super().__init__(**node_options)
 
     def _receive_poses(self, topic: str) -> None:
-        """Receive the pose by a call, or subscribe to its topic if it is not the topic of the filter."""
+        """Register with the ekf, or subscribe to the topic if the ekf does not publish on it."""
         if self.resolve_topic_name(topic) != self._ekf.resolve_topic_name(topic):
-            self.get_logger().info(f"{topic} is not that of this process's ekf: subscribing to it")
+            self.get_logger().info(f"{topic} is not published by the ekf of this process: subscribing to it")
             super()._receive_poses(topic)
             return
-        # The frames that are compared in a message.
+        # A message would be checked for these frames.
         for frame in ("map_frame",) if topic == "pose" else ("map_frame", "base_link_frame", "frame_prefix"):
             mine, other = getattr(self.config, frame), getattr(self._ekf.config, frame)
             if mine != other:
-                raise DiffbotError(f"{frame}: the controller has {mine!r}, the ekf {other!r}: must be the same")
-        # An error of the controller must not count as an error of the filter that calls it.
+                raise DiffbotError(
+                    f"{frame} is {mine!r} in the controller, but {other!r} in the ekf: set both to the same frame"
+                )
+        # An error of the controller must not count as an error of the ekf, which calls it.
         self._ekf.pose_receiver = self.contained(self.take_pose, topic)
 
 

@@ -1,1 +1,1 @@
-"""The extended Kalman filter, its models, gate and adaptation, and the fusion of measurements by their stamps."""
+"""The extended Kalman filter: models, gate, noise statistic, and fusion of measurements in order of their stamps."""

@@ -1,4 +1,4 @@
-"""Parameters of the filter, its sources and its map, and the options computed from them."""
+"""Parameters of the filter, its sources and its map, and the options that are computed from them."""
 
 from __future__ import annotations
 
@@ -20,28 +20,28 @@ from diffbot_core.schema import Spec, known_fields
 
 EKF, CALIBRATING, FNN, FNN_CALIBRATING = "ekf", "ekf_calibrating", "ekf_fnn", "ekf_fnn_calibrating"
 FILTERS = (EKF, CALIBRATING, FNN, FNN_CALIBRATING)
-"""The plain filter has three states. The calibrating variants also estimate the errors of the wheels. The FNN variants
-find the scale of R by fuzzy rules."""
+"""Variants of the filter. EKF has three states. The calibrating variants also estimate the wheel errors. The FNN
+variants scale R and Q by fuzzy rules."""
 GLOBAL_POSE = "global_pose"
 """Topic of the first source of fixes, which always exists."""
 _MAX_TIME = 1e4
-"""[s] largest correlation time; an error that lasts longer is an offset"""
+"""[s] largest correlation time; an error that lasts longer is a constant offset"""
 _MAX_SIGMAS, _MAX_ERROR = 5.0, 0.1
-"""Bounds of an estimated radius error: five initial deviations, and at least 10 %. Beyond them the wheel slips. With a
-gyro the second bound is wider, since the filter estimates a part of the slip as a radius error, see
-:func:`ekf.take_rate`."""
+"""Bound of an estimated wheel error: five initial deviations, but at least 10 %. If the bound is exceeded, the wheel
+slips. With a gyro, the second bound of a radius error is larger, since part of the slip is estimated as a radius error,
+see :func:`ekf.take_rate`."""
 _WHEEL_WALK, _BIAS_WALK = 1e-4, 1e-4
-"""[1/sqrt(s)], [rad/s/sqrt(s)] random-walk deviation of the errors of the wheels and of the gyro's bias"""
+"""[1/sqrt(s)], [rad/s/sqrt(s)] random-walk deviations of the wheel errors and of the gyro bias"""
 _LANDMARK_SIGMAS = 0.05, 0.01, 0.01
-"""[m], [-], [rad] initial deviations of the range offset, the range scale and the bearing offset. They
-are typical of lidars and cameras; one drive past some landmarks determines the errors better."""
+"""[m], [-], [rad] Initial deviations of range offset, range scale and bearing offset. They are typical of lidars and
+cameras, and the filter estimates the errors much better within one drive."""
 _MAX_SOURCES = 8
 MIN_SIGMA, MAX_SIGMA = 1e-4, 1e3
-"""[m], [rad] range of standard deviations within which the filter stays accurate"""
+"""[m], [rad] smallest and largest standard deviation for which the filter is numerically accurate"""
 _MAX_DELAY = 60.0
 _TOPIC_NAME = re.compile(r"[~/]?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
-_NUMBERS = 2**31
-"""Bound of the ids of landmarks, which messages hold as int32."""
+_MAX_ID = 2**31 - 1
+"""Largest id of a landmark; messages contain ids as int32."""
 
 
 @known_fields
@@ -55,7 +55,7 @@ class FilterConfig(NamedTuple):
     relocation_fixes: Annotated[
         int,
         Spec(
-            "number of successive rejected fixes that agree with each other and so relocate the filter",
+            "number of successive rejected fixes that relocate the filter if they agree with each other",
             minimum=2,
             maximum=1_000_000,
         ),
@@ -66,7 +66,7 @@ class FilterConfig(NamedTuple):
     wheel_separation_sigma: Annotated[
         float,
         Spec(
-            "initial deviation of the relative error of the wheel separation; 0: the error is known",
+            "initial deviation of the relative error of the wheel separation; 0: do not estimate it",
             minimum=0.0,
             maximum=0.2,
             read_only=True,
@@ -75,8 +75,8 @@ class FilterConfig(NamedTuple):
     wheels_as_configured: Annotated[
         float,
         Spec(
-            "probability that the errors of the wheels are exactly as configured; the reported pose averages over "
-            "this case and the estimated errors; 0: the errors certainly differ",
+            "probability that the wheel errors are exactly as configured; the reported pose averages over this case "
+            "and over the estimated errors; 0: use the estimated errors only",
             minimum=0.0,
             maximum=1.0,
         ),
@@ -93,15 +93,15 @@ class FilterConfig(NamedTuple):
     detect_correlation: Annotated[
         bool,
         Spec(
-            "find the scale of each source's covariances and the correlation time of its errors, unless "
-            "correlation_times gives the time; the ekf_fnn variants find the scale by fuzzy rules"
+            "estimate a factor on the covariances of each source and the correlation time of its errors, unless "
+            "correlation_times gives the time; the ekf_fnn variants set the factor by fuzzy rules instead"
         ),
     ] = True
     correlation_times: Annotated[
         tuple[float, ...],
         Spec(
             "correlation times of the errors of global_pose, heading, landmarks and each of pose_sources, in this "
-            "order; 0 or missing: to be found",
+            "order; 0 or missing: unknown, see detect_correlation",
             "s",
             minimum=0.0,
             maximum=_MAX_TIME,
@@ -122,7 +122,7 @@ class FilterConfig(NamedTuple):
         Spec("initial constant error of all bearings", "rad", minimum=-math.pi, maximum=math.pi, read_only=True),
     ] = 0.0
     use_gyro: Annotated[
-        bool, Spec("fuse the turn rate of imu with the wheels', and estimate its bias", read_only=True)
+        bool, Spec("fuse the turn rates of imu and wheels, and estimate the bias of imu", read_only=True)
     ] = False
     gyro_bias_sigma: Annotated[
         float, Spec("initial deviation of the gyro's bias", "rad/s", minimum=1e-6, maximum=1.0)
@@ -130,15 +130,16 @@ class FilterConfig(NamedTuple):
 
 
 class PoseSource(NamedTuple):
-    """Settings of one further source of fixes."""
+    """Settings of one source of fixes beside global_pose."""
 
     topic: str
     sigma_xy: float
-    """[m] deviation for fixes without a usable covariance; 0: drop them"""
+    """[m] deviation of x and y for fixes without a usable covariance; 0: drop these fixes"""
     sigma_yaw: float
-    """[rad] deviation of the heading; 0: drop fixes without a usable covariance; pi or more: no heading"""
+    """[rad] deviation of the heading for fixes without a usable covariance; 0: drop these fixes; pi or more: the fixes
+    have no heading"""
     delay: float
-    """[s] from the measurement to its stamp"""
+    """[s] time from a measurement to its stamp"""
 
     @property
     def source(self) -> str:
@@ -148,7 +149,7 @@ class PoseSource(NamedTuple):
 
 @known_fields
 class PoseSources(NamedTuple):
-    """Sources of fixes beside global_pose. The lists after the first have one value for each source, or are empty."""
+    """Sources of fixes beside global_pose. Each list after pose_sources has one value per source, or is empty."""
 
     pose_sources: Annotated[
         tuple[str, ...],
@@ -178,10 +179,10 @@ class PoseSources(NamedTuple):
     ] = ()
 
     def check(self) -> None:
-        """Refuse names that are not topics, and lists whose lengths differ.
+        """Check the names of the topics, the lengths of the lists, and the deviations.
 
         Raises:
-            InvalidValueError: with the list, its value and the bound.
+            InvalidValueError: if a name is not a topic, two lengths differ, or a deviation is too small.
         """
         names = self.pose_sources
         if len(names) > _MAX_SOURCES or len({*names, GLOBAL_POSE}) != len(names) + 1:
@@ -195,7 +196,7 @@ class PoseSources(NamedTuple):
             if len(values) not in (0, len(names)):
                 raise InvalidValueError(field, list(values), f"empty or as many as pose_sources: {len(names)}")
         for field in ("pose_source_sigma_xy", "pose_source_sigma_yaw"):
-            if any(0.0 < one < MIN_SIGMA for one in getattr(self, field)):
+            if any(0.0 < sigma < MIN_SIGMA for sigma in getattr(self, field)):
                 raise InvalidValueError(field, list(getattr(self, field)), f"0 or >= {MIN_SIGMA:g} each")
 
     def settings(self) -> list[PoseSource]:
@@ -206,10 +207,10 @@ class PoseSources(NamedTuple):
 
 @known_fields
 class LandmarkMap(NamedTuple):
-    """Landmarks whose range and bearing the robot can measure: three lists with one value for each landmark."""
+    """Landmarks that the robot can measure: three lists with one value for each landmark."""
 
     landmark_ids: Annotated[
-        tuple[int, ...], Spec("ids of the landmarks", minimum=-_NUMBERS, maximum=_NUMBERS - 1, read_only=True)
+        tuple[int, ...], Spec("ids of the landmarks", minimum=-_MAX_ID - 1, maximum=_MAX_ID, read_only=True)
     ] = ()
     landmark_x: Annotated[
         tuple[float, ...],
@@ -221,22 +222,22 @@ class LandmarkMap(NamedTuple):
     ] = ()
 
     def check(self) -> None:
-        """Refuse inconsistent lists.
+        """Check the lists.
 
         Raises:
             InvalidValueError: if their lengths differ, or two landmarks have the same id.
         """
         count = len(self.landmark_ids)
         if len(set(self.landmark_ids)) != count:
-            raise InvalidValueError("landmark_ids", list(self.landmark_ids), sentence="a number occurs twice")
+            raise InvalidValueError("landmark_ids", list(self.landmark_ids), sentence="two landmarks have the same id")
         for name, values in (("landmark_x", self.landmark_x), ("landmark_y", self.landmark_y)):
             if len(values) != count:
                 raise InvalidValueError(name, list(values), f"as many as landmark_ids: {count}")
 
     def points(self) -> dict[int, Point]:
-        """Return the positions [m] by id, sorted by position: simultaneous measurements are fused in this order."""
+        """Return the positions [m] by id, sorted by position, so that the order of the lists does not matter."""
         positions = map(Point, self.landmark_x, self.landmark_y)
-        return dict(sorted(zip(self.landmark_ids, positions, strict=True), key=lambda one: one[1]))
+        return dict(sorted(zip(self.landmark_ids, positions, strict=True), key=lambda item: item[1]))
 
 
 @known_fields
@@ -249,10 +250,10 @@ class LocalizationConfig(NamedTuple):
     sources: PoseSources = PoseSources()
 
     def check(self) -> None:
-        """Refuse delays that are longer than the history, and correlation times without a source.
+        """Check the delays and the correlation times.
 
         Raises:
-            InvalidValueError: with the list, its value and the bound.
+            InvalidValueError: if a delay is longer than the history, or there are more correlation times than sources.
         """
         delays, times = self.sources.pose_source_delay, self.filter.correlation_times
         if any(delay > self.history_length for delay in delays):
@@ -271,48 +272,45 @@ def options_of(
     separation: float = WheelGeometry().wheel_separation,
     landmarks: Sequence[Point] = (),
 ) -> Options:
-    """Return the options of the filter; the bounds of its gate are chi-square quantiles.
+    """Return the options of the filter.
 
     Args:
-        config: parameters.
+        config: parameters of the fusion.
         separation: wheel separation L [m].
-        landmarks: positions of the landmarks; without any, the errors of the landmark sensor are not estimated.
+        landmarks: positions of the landmarks; if empty, the errors of the landmark sensor are not estimated.
     """
-    one = config.filter
-    calibrating = one.filter in (CALIBRATING, FNN_CALIBRATING)
-    rest = 1.0 - one.gate_probability
-    gates = [chi_square_bound(dof, rest) if rest > 0.0 else math.inf for dof in (1, 2, 3)]
-    largest = MAX_SLIP if one.use_gyro else _MAX_ERROR
-    sigmas = _sigmas_of(one, calibrating, bool(landmarks))
-    return Options(
-        state_size(calibrating, one.use_gyro, bool(landmarks)),
-        separation,
-        (gates[0], gates[1], gates[2]),
-        one.relocation_fixes,
-        (
-            one.left_radius_error if calibrating else 0.0,
-            one.right_radius_error if calibrating else 0.0,
-            one.wheel_separation_error if calibrating else 0.0,
-            0.0,
-            one.landmark_range_offset,
-            one.landmark_range_scale,
-            one.landmark_bearing_offset,
-        ),
-        tuple(sigma * sigma for sigma in sigmas),  # type: ignore[arg-type]
-        _WHEEL_WALK**2,
-        _BIAS_WALK**2,
-        max(_MAX_SIGMAS * one.wheel_radius_sigma, largest) if calibrating else 0.0,
-        max(_MAX_SIGMAS * one.wheel_separation_sigma, _MAX_ERROR) if calibrating else 0.0,
-        one.wheels_as_configured,
-        one.filter in (FNN, FNN_CALIBRATING),
-        one.detect_correlation and one.filter in (EKF, CALIBRATING),
-        (*one.correlation_times, *[0.0] * (len(sources_of(config)) - len(one.correlation_times))),
+    values = config.filter
+    calibrating = values.filter in (CALIBRATING, FNN_CALIBRATING)
+    tail = 1.0 - values.gate_probability
+    gates = [chi_square_bound(dof, tail) if tail > 0.0 else math.inf for dof in (1, 2, 3)]
+    radius_sigma, separation_sigma = values.wheel_radius_sigma, values.wheel_separation_sigma
+    sigmas = (
+        *((radius_sigma, radius_sigma, separation_sigma) if calibrating else (0.0, 0.0, 0.0)),
+        values.gyro_bias_sigma if values.use_gyro else 0.0,
+        *(_LANDMARK_SIGMAS if landmarks else (0.0, 0.0, 0.0)),
     )
-
-
-def _sigmas_of(config: FilterConfig, calibrating: bool, landmarks: bool) -> tuple[float, ...]:
-    """Return the initial deviations of the seven errors in the order of the states; 0: the error is not estimated."""
-    zero = 0.0, 0.0, 0.0
-    wheels = config.wheel_radius_sigma, config.wheel_radius_sigma, config.wheel_separation_sigma
-    bias = config.gyro_bias_sigma if config.use_gyro else 0.0
-    return (*(wheels if calibrating else zero), bias, *(_LANDMARK_SIGMAS if landmarks else zero))
+    max_radius_error = max(_MAX_SIGMAS * radius_sigma, MAX_SLIP if values.use_gyro else _MAX_ERROR)
+    return Options(
+        size=state_size(calibrating, values.use_gyro, bool(landmarks)),
+        separation=separation,
+        gates=(gates[0], gates[1], gates[2]),
+        relocation_fixes=values.relocation_fixes,
+        errors=(
+            values.left_radius_error if calibrating else 0.0,
+            values.right_radius_error if calibrating else 0.0,
+            values.wheel_separation_error if calibrating else 0.0,
+            0.0,
+            values.landmark_range_offset,
+            values.landmark_range_scale,
+            values.landmark_bearing_offset,
+        ),
+        variances=tuple(sigma * sigma for sigma in sigmas),  # type: ignore[arg-type]
+        wheel_walk=_WHEEL_WALK**2,
+        bias_walk=_BIAS_WALK**2,
+        max_radius_error=max_radius_error if calibrating else 0.0,
+        max_separation_error=max(_MAX_SIGMAS * separation_sigma, _MAX_ERROR) if calibrating else 0.0,
+        wheels_as_configured=values.wheels_as_configured,
+        fuzzy=values.filter in (FNN, FNN_CALIBRATING),
+        finds_noise=values.detect_correlation and values.filter in (EKF, CALIBRATING),
+        times=(*values.correlation_times, *[0.0] * (len(sources_of(config)) - len(values.correlation_times))),
+    )

@@ -1,10 +1,8 @@
-"""Consistency of the filter: what the innovations of a source say about its covariances.
+"""Consistency of the filter, judged by the innovations of each source.
 
-Innovations of a right model have a mean NIS of 1 per number and are white. The NIS does not show errors that are
-correlated in time. They make a filter overconfident that assumes independent errors, and the autocorrelation of the
+If the model is right, the innovations are white and their mean NIS is 1 per scalar. The mean NIS does not show
+time-correlated errors, which make a filter overconfident if it assumes independent errors. The autocorrelation of the
 innovations shows them.
-
-The bounds of the chi-square distribution are computed by its closed forms.
 """
 
 from __future__ import annotations
@@ -19,12 +17,12 @@ from diffbot_control.filter.models import Array
 _FALSE_ALARM = 1e-4
 """Probability that the mean NIS of a consistent filter exceeds the alarm bound."""
 _MIN_PAIRS = 30
-"""Smallest number of products from which an autocorrelation is computed."""
+"""Smallest number of pairs from which an autocorrelation is computed."""
 _SIGMAS_95, _SIGMAS_ALARM = 1.96, 4.0
-"""Bounds in standard deviations. If it is checked all the time, the alarm is exceeded in 0.5 % of drives of 15 minutes
-at 5 Hz."""
+"""Bounds of an autocorrelation in standard deviations. White innovations at 5 Hz exceed the alarm bound at any time
+within 15 minutes with a probability of 0.5 %."""
 _STEPS = 200
-"""Largest number of Newton's steps to a quantile; six are usual."""
+"""Largest number of Newton steps to a quantile; six are usual."""
 _TOLERANCE = 1e-12
 """Relative size of the last step; the error is about its square."""
 
@@ -33,29 +31,29 @@ class SourceConsistency(NamedTuple):
     """Statistics of the newest accepted innovations of a source."""
 
     nis: float
-    """mean NIS per number measured; 1 if the covariances are right"""
+    """mean NIS per scalar; 1 if the covariances are right"""
     numbers: int
-    """number of numbers in the mean"""
+    """number of scalars in the mean"""
     low: float
-    """95 % of the means of a consistent filter are between these bounds"""
+    """95 % of the means of a consistent filter are between ``low`` and ``high``"""
     high: float
     alarm: float
     """if the mean is above this bound, the covariances are too small for the innovations"""
     autocorrelation: float | None
-    """of neighbouring innovations; 0 on average if they are white; None: there are too few"""
+    """autocorrelation of neighbouring innovations; 0 on average if they are white; None: there are too few pairs"""
     bound: float
     """95 % of the absolute autocorrelations of a consistent filter are below this bound"""
     assumed: float
     """correlation of neighbouring errors that the filter assumes"""
     scale: tuple[float, float]
-    """factors on the variances of positions and of angles that the filter uses"""
+    """factors on the claimed variances of positions and of angles that the filter uses"""
 
     @property
     def is_correlated(self) -> bool:
-        """True if the innovations are more correlated in time than the filter assumes the errors to be.
+        """True if the innovations are significantly more correlated than the filter assumes the errors to be.
 
-        If the filter does not follow the errors, the innovations have the autocorrelation of the errors; otherwise it
-        is smaller.
+        The innovations have the autocorrelation of the errors if the filter does not follow the errors, and a smaller
+        one if it does.
         """
         alarm = _SIGMAS_ALARM / _SIGMAS_95 * self.bound
         return self.autocorrelation is not None and self.autocorrelation > self.assumed + alarm
@@ -80,12 +78,7 @@ def survival(x: float, dof: int) -> float:
 
 @lru_cache(maxsize=1024)
 def chi_square_bound(dof: int, tail: float) -> float:
-    """Return the bound that a chi-square number of ``dof`` >= 1 degrees of freedom exceeds with probability ``tail``.
-
-    Args:
-        dof: degrees of freedom.
-        tail: greater than 0, less than 1.
-    """
+    """Return the bound that a chi-square number of ``dof`` degrees of freedom exceeds with probability ``tail``."""
     low, high = 0.0, float(dof)
     while survival(high, dof) > tail:
         low, high = high, 2.0 * high
@@ -94,7 +87,7 @@ def chi_square_bound(dof: int, tail: float) -> float:
         found = survival(x, dof)
         low, high = (x, high) if found > tail else (low, x)
         density = math.exp((0.5 * dof - 1.0) * math.log(0.5 * x) - 0.5 * x - math.lgamma(0.5 * dof)) / 2.0
-        # Newton's step on the logarithm, which is nearly straight in the tail; bisection where that leaves the bracket.
+        # Newton step on the logarithm, which is nearly linear in the tail; bisection if the step leaves the bracket.
         step = x + found / density * math.log(found / tail) if found > 0.0 and density > 0.0 else math.nan
         step = step if low <= step <= high else 0.5 * (low + high)
         if abs(step - x) <= _TOLERANCE * x:
@@ -104,15 +97,17 @@ def chi_square_bound(dof: int, tail: float) -> float:
 
 
 def nis_bounds(numbers: int) -> tuple[float, float, float]:
-    """Return the lower, upper and alarm bounds of the mean NIS per number, for a mean over ``numbers`` numbers."""
+    """Return the lower, the upper and the alarm bound of a mean NIS over ``numbers`` scalars."""
     low, high, alarm = (chi_square_bound(numbers, tail) / numbers for tail in (0.975, 0.025, _FALSE_ALARM))
     return low, high, alarm
 
 
 def consistency_of(row: Array, time: float) -> SourceConsistency | None:
-    """Return the statistics in a source's row of :mod:`noise`; None if no measurement was accepted yet.
+    """Return the statistics of a source; None if no measurement was accepted yet.
 
-    ``time`` is the known correlation time of its errors [s]; 0: use the one that was found.
+    Args:
+        row: row of the source, see :mod:`noise`.
+        time: known correlation time of the errors [s]; 0: use the estimated correlation time.
     """
     numbers, pairs = int(row[noise.NIS_NUMBERS]), int(row[noise.WHITENESS_NUMBERS])
     if numbers == 0:
@@ -124,6 +119,6 @@ def consistency_of(row: Array, time: float) -> SourceConsistency | None:
         *nis_bounds(numbers),
         float(row[noise.WHITENESS]) / nis if pairs >= _MIN_PAIRS and nis > 0.0 else None,
         _SIGMAS_95 / math.sqrt(max(pairs, 1)),
-        noise.correlation_after(row, time),
+        noise.assumed_correlation(row, time),
         (noise.scale_of(row, False), noise.scale_of(row, True)),
     )

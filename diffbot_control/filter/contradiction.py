@@ -1,12 +1,16 @@
-"""Detection of fixes that contradict the odometry, so that no estimate made of both drives a robot.
+"""Detection of fixes that contradict the odometry, so that a wrong estimate does not drive the robot.
 
-A robot that was carried away relocates the filter once. Fixes with a turned heading or with swapped or mirrored axes
-never agree with the odometry. They relocate the filter again and again while the robot drives. If they are so frequent
-that the estimate just lags behind them, their innovations are far too large and all alike. Fixes of a source that hangs
-repeat one value while the odometry moves. A robot at rest shows no signs, so a contradiction lasts for QUIET_TIME after
-its last sign, which is long enough for a goal to end (``pose_lost_timeout``). A pose set by hand ends it at once.
+If the robot is carried away, the fixes relocate the filter once. If the fixes have a wrong heading, or swapped or
+mirrored axes, they never agree with the odometry. There are three signs of such a contradiction:
 
-Pure functions of their memory; times are stamps [ns].
+- The fixes relocate the filter repeatedly while the robot drives.
+- The fixes are so frequent that the filter follows them with a lag. Their innovations are large and correlated.
+- The fixes repeat one value while the odometry moves, since their source hangs.
+
+At rest the signs do not occur. A contradiction therefore lasts for QUIET_TIME after its last sign, which is long enough
+for a goal to end (``pose_lost_timeout``). A pose on ``initialpose`` ends it immediately.
+
+All functions are pure functions of their memory. Times are stamps [ns].
 """
 
 from __future__ import annotations
@@ -14,18 +18,16 @@ from __future__ import annotations
 from typing import NamedTuple
 
 MAX_RELOCATIONS = 3
-"""This many relocations within WINDOW are a contradiction."""
+"""This number of relocations within WINDOW is a contradiction."""
 WINDOW = 10 * 10**9
 """[ns]"""
 QUIET_TIME = 60 * 10**9
 """[ns] A contradiction without new signs ends after this time."""
-FROZEN_FIXES = 5
-"""This many fixes in a row that are equal to the last bit are a contradiction ..."""
-FROZEN_DISTANCE = 0.5
-"""[m] ... if the odometry has moved by this distance meanwhile."""
+FROZEN_FIXES, FROZEN_DISTANCE = 5, 0.5
+"""Number of successive equal fixes, and distance [m] that the odometry moves meanwhile, that are a contradiction."""
 MAX_NIS_RATIO, MAX_CORRELATION = 10.0, 0.8
-"""Mean NIS over its alarm bound, and correlation of innovations in a row, that are a contradiction if both are
-exceeded. Outliers are also large, but not alike."""
+"""Mean NIS over its alarm bound, and autocorrelation of the innovations. If both bounds are exceeded, there is a
+contradiction. The innovations of outliers are also large, but not correlated."""
 RELOCATING, FROZEN = "fixes contradict the odometry", "fixes stand still while the odometry moves"
 
 
@@ -37,13 +39,13 @@ class Contradiction(NamedTuple):
     fix: tuple[float, ...] = ()
     """numbers of the newest fix of global_pose"""
     repetitions: int = 1
-    """number of fixes in a row with these numbers"""
+    """number of successive fixes with these numbers"""
     distance: float = 0.0
-    """[m] that the odometry has moved since the first of them"""
+    """[m] distance that the odometry has moved since the first of these fixes"""
     cause: str = ""
-    """RELOCATING or FROZEN; empty: there is no contradiction"""
+    """RELOCATING or FROZEN; empty without a contradiction"""
     since: int = 0
-    """[ns] stamp of its newest sign"""
+    """[ns] stamp of the newest sign of the contradiction"""
 
 
 NONE = Contradiction()
@@ -51,7 +53,7 @@ NONE = Contradiction()
 
 def with_relocation(memory: Contradiction, stamp: int) -> Contradiction:
     """Add a relocation at ``stamp``."""
-    # Sorted, since a late measurement may also relocate.
+    # A late measurement may also relocate, so stamps may arrive out of order.
     newest = tuple(sorted((*memory.relocations, stamp)))[-MAX_RELOCATIONS:]
     memory = memory._replace(relocations=newest)
     if len(newest) == MAX_RELOCATIONS and newest[-1] - newest[0] <= WINDOW:
@@ -70,14 +72,14 @@ def with_fix(memory: Contradiction, stamp: int, fix: tuple[float, ...]) -> Contr
 
 
 def with_innovations(memory: Contradiction, stamp: int, nis_ratio: float, correlation: float) -> Contradiction:
-    """Add the mean NIS over its alarm bound and the correlation of the newest innovations of fixes."""
+    """Add the mean NIS over its alarm bound, and the autocorrelation, of the newest innovations of fixes."""
     if nis_ratio > MAX_NIS_RATIO and correlation > MAX_CORRELATION:
         return memory._replace(cause=RELOCATING, since=stamp)
     return memory
 
 
 def with_motion(memory: Contradiction, stamp: int, distance: float) -> Contradiction:
-    """Add a motion of the odometry by ``distance`` [m] up to ``stamp``; a contradiction without new signs ends."""
+    """Add a motion of the odometry over ``distance`` [m] up to ``stamp``, and end an old contradiction."""
     memory = memory._replace(distance=memory.distance + distance)
     if memory.cause and stamp - memory.since > QUIET_TIME:
         return memory._replace(cause="", relocations=())

@@ -1,6 +1,6 @@
-"""Checks of covariances from messages and files, and the uncertainty that a covariance expresses.
+"""Checks of covariances from messages and files, and the uncertainty of an estimate with a covariance.
 
-An all-zero covariance means *unknown*, never *exact*: it is refused here, and the caller uses its fallback.
+An all-zero covariance means *unknown*, never *exact*. It is refused here, and the caller uses its fallback.
 """
 
 from __future__ import annotations
@@ -14,29 +14,28 @@ from diffbot_core.errors import BadMessageError
 from diffbot_core.uncertainty import Uncertainty, largest_deviation
 
 _ASYMMETRY = 1e-6
-"""Relative difference of mirrored entries that rounding, e.g. to single precision, may cause."""
+"""Largest relative difference of mirrored entries; rounding to single precision causes a smaller difference."""
 _MIN_PIVOT = 1e-14
-"""[m^2], [rad^2] A conditional variance that is smaller is 0 but for rounding; inverting it may overflow."""
+"""[m^2], [rad^2] smallest conditional variance; a smaller one may only differ from 0 by rounding"""
 _MAX_VARIANCE = 1e8
-"""[m^2], [rad^2] A larger number is an error or a code for 'unknown', not a variance."""
+"""[m^2], [rad^2] largest variance; a larger number is an error or a code for 'unknown'"""
 _SINGULAR = 1e-9
-"""Relative size of a negative pivot that rounding may cause in a singular matrix."""
+"""Largest relative size of a negative pivot that rounding causes in a singular matrix."""
 
 
 class UnknownCovarianceError(BadMessageError):
-    """A covariance that is not wrong but unknown: all zero, a code for 'unknown', or without one of the numbers."""
+    """The covariance is unknown: it is zero, singular or contains a code for 'unknown'."""
 
 
 def check_covariance(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return a (n, n) covariance if it is finite, symmetric, positive definite and not absurdly large.
 
     Raises:
-        UnknownCovarianceError: if it is zero, singular or absurdly large, so that the caller can use a fallback.
-        BadMessageError: if it is not finite, not symmetric or indefinite; the error names the missing property.
+        UnknownCovarianceError: if it is zero, singular or absurdly large; the caller can use a fallback.
+        BadMessageError: if it is not finite, not symmetric or indefinite.
     """
-    # Plain floats: this runs for each message, and numpy is several times slower with matrices of this size.
+    # Plain floats, since numpy is several times slower for matrices of this size, and this runs for each message.
     rows: list[list[float]] = matrix.tolist()
-    # A NaN or Inf anywhere makes the sum NaN or Inf.
     if not math.isfinite(sum(map(sum, rows))):
         raise BadMessageError("covariance not finite")
     diagonal = [row[i] for i, row in enumerate(rows)]
@@ -52,14 +51,17 @@ def check_covariance(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
                 raise BadMessageError("covariance not symmetric")
     pivot = _smallest_pivot(rows)
     if not pivot > _MIN_PIVOT:
-        # A receiver that does not measure one of the numbers sends a singular matrix; an indefinite one is an error.
+        # A sensor that does not measure all numbers sends a singular matrix. An indefinite matrix is an error.
         kind = UnknownCovarianceError if pivot >= -_SINGULAR * largest else BadMessageError
         raise kind("covariance not positive definite")
     return matrix
 
 
 def _smallest_pivot(rows: list[list[float]]) -> float:
-    """Return the first pivot that is not positive, or the last one; the Cholesky factor overwrites the lower part."""
+    """Return the first pivot of the Cholesky factorisation that is not positive, or the last pivot.
+
+    The factor overwrites the lower part of ``rows``.
+    """
     for i, row in enumerate(rows):
         pivot = row[i]
         for j in range(i):
@@ -76,6 +78,6 @@ def _smallest_pivot(rows: list[list[float]]) -> float:
 
 
 def uncertainty_of(P: NDArray[np.float64]) -> Uncertainty:
-    """Return the standard deviations of an estimate with covariance ``P`` (3, 3) of x, y, theta [m, m, rad]."""
+    """Return the standard deviations of a pose with covariance ``P`` (3, 3) [m, m, rad]."""
     (xx, xy, _), (_, yy, _), (_, _, tt) = P.tolist()
     return Uncertainty(largest_deviation(xx, xy, yy), math.sqrt(max(tt, 0.0)))

@@ -1,14 +1,14 @@
-"""The filter as functions of arrays: predict, correct, gate, relocation, and the estimate that is reported.
+"""The extended Kalman filter as functions of arrays: prediction, gate, correction, relocation, reported estimate.
 
 The functions run as plain Python and, compiled unchanged, in the simulation. :mod:`state` describes their memory.
 
 The gate treats fixes and other measurements differently:
 
-- A fix beyond the gate is rejected. It starts a second hypothesis, the candidate, which the same odometry moves.
-  Outliers do not agree with each other. The fixes of a robot that was carried away or has slipped do agree, and then
-  the candidate replaces the estimate.
-- Any other measurement beyond the gate corrects the estimate with its gain multiplied by bound / NIS. The correction
-  decreases with 1 / |y|, so a misread number does little harm, and a filter that is lost still converges.
+- A fix beyond the gate is rejected. It starts a second hypothesis, the candidate, which the odometry also moves. If the
+  following fixes agree with the candidate, the robot was carried away or has slipped, and the candidate replaces the
+  estimate. Outliers do not agree with each other.
+- Any other measurement beyond the gate corrects the estimate with a gain multiplied by bound / NIS. This correction
+  decreases with 1 / |y|: an outlier does little harm, but a wrong estimate still converges.
 """
 
 from __future__ import annotations
@@ -46,26 +46,28 @@ from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import scale_twist_covariance
 
 ACCEPTED, REJECTED, RELOCATED, IGNORED, WEIGHED = 0, 1, 2, 3, 4
-"""Outcomes of a measurement: it corrected the estimate; the fix was used for the candidate; the candidate replaced the
-estimate; the measurement is not defined here; it corrected the estimate with a part of the gain."""
+"""Outcomes of a measurement. ACCEPTED: it corrected the estimate. REJECTED: the fix corrected or started the candidate.
+RELOCATED: the candidate replaced the estimate. IGNORED: it is not defined at the estimate. WEIGHED: it corrected the
+estimate with a reduced gain."""
 _SLACK_UP, _SLACK_DOWN = 0.2, 0.05
-"""Change of the slack at a rejected and at an accepted fix: a gate that rejects more than a fifth is itself wrong."""
+"""Increase of the slack per rejected fix, and decrease per accepted fix. The slack grows if the gate rejects more than
+one fifth of the fixes, which shows that the covariances are too small."""
 _RELOCATION_TIME = 1.5
-"""[s] After rejected fixes for this time the newest one relocates the filter, even if they do not agree."""
+"""[s] If all fixes are rejected for this time, the newest fix relocates the filter, even if the fixes do not agree."""
 _TURNED_VARIANCE = 0.04
-"""[rad^2] With a larger heading variance, a correction moves the robot along an arc; with a smaller one, arc and line
+"""[rad^2] If the heading variance is larger, a correction moves the robot along an arc. Below it, arc and straight line
 agree to first order."""
-_EVEN = 0.5
-"""Prior probability of each of two hypotheses."""
+_SENSOR_AS_CONFIGURED = 0.5
+"""Prior probability that the errors of the landmark sensor are exactly as configured."""
 _SLIP_TIME = 2.0
-"""[s] over which innovations of the gyro are averaged: longer than accelerations, during which a late gyro also
-disagrees"""
+"""[s] Time constant of the mean innovation of the gyro. It is longer than an acceleration, during which a gyro with a
+delay disagrees with the wheels."""
 _SLIP_BOUND = 40.0
-"""Bound of the squared mean over its variance; white innovations do not reach it."""
+"""Bound of the squared mean innovation over its variance; white innovations do not exceed it."""
 _SLIP_GROWTH = 9.0
-"""Square of the ratio of the final disagreement to the mean at detection."""
+"""Squared ratio of the final innovation to the mean innovation at detection."""
 MAX_SLIP = 0.2
-"""Largest relative error of a radius that is explained by slip."""
+"""Largest relative radius error that the filter uses to explain slip."""
 
 
 def predict(filter_: Filter, options: Options, motion: Motion) -> None:
@@ -98,7 +100,7 @@ def move_state(x: Array, P: Array, options: Options, motion: Motion) -> None:
 
 
 def normalised_square(y: Array, S: Array) -> float:
-    """Return y' S^-1 y for a matrix S (m, m) with m <= 3, by S = L D L'; nan if it is not positive definite."""
+    """Return y' S^-1 y for m <= 3 by the factorisation S = L D L'; nan if S is not positive definite."""
     m, first, y_0 = len(y), float(S[0, 0]), float(y[0])
     if not first > 0.0:
         return math.nan
@@ -119,7 +121,7 @@ def normalised_square(y: Array, S: Array) -> float:
 
 
 def take(filter_: Filter, options: Options, reading: Reading) -> int:
-    """Pass a measurement through the gate; return ACCEPTED, REJECTED, RELOCATED, IGNORED or WEIGHED."""
+    """Gate a measurement, use it accordingly, and return the outcome, e.g. ACCEPTED."""
     if not is_defined(reading, filter_.x):
         return IGNORED
     expected, S = innovation(filter_, options, reading)
@@ -133,7 +135,7 @@ def take(filter_: Filter, options: Options, reading: Reading) -> int:
         outcome = ACCEPTED
     elif is_fix(reading.kind):
         last[state.VALID] = 0.0
-        outcome = _doubt(filter_, options, reading, bound)
+        outcome = _reject(filter_, options, reading, bound)
     elif not math.isnan(nis):
         factor = _inflation(filter_, options, reading)
         filter_.shift[:] += correct_state(filter_.x, filter_.P, options, expected, factor, nis / bound)
@@ -143,16 +145,16 @@ def take(filter_: Filter, options: Options, reading: Reading) -> int:
 
 
 def innovation(filter_: Filter, options: Options, reading: Reading) -> tuple[Expected, Array]:
-    """Compare a measurement with the estimate; return also the covariance S (m, m) of the innovation at the gate.
+    """Compare a measurement with the estimate; return also the innovation covariance S (m, m) at the gate.
 
-    R is the claimed covariance times the scale that was found. The measurement must be defined at the estimate.
+    R is the claimed covariance times the estimated scale. The measurement must be defined at the estimate.
     """
     expected = _expected(reading, filter_.x, filter_.P, filter_.noise[reading.source], options)
     return expected, kalman.innovation_covariance(filter_.P, expected.H, expected.R)
 
 
 def _expected(reading: Reading, x: Array, P: Array, row: Array, options: Options) -> Expected:
-    """Compare a measurement with a state; R is multiplied by the scale that was found for the source."""
+    """Compare a measurement with a state; ``row`` is the noise statistic of its source, whose scale multiplies R."""
     expected = expect(reading, x, P)
     if not options.finds_noise and not options.fuzzy:
         return expected
@@ -162,14 +164,15 @@ def _expected(reading: Reading, x: Array, P: Array, row: Array, options: Options
     R, m = expected.R.copy(), len(expected.y)
     for i in range(m):
         for j in range(m):
-            by_i = angle if is_angle(reading.kind, i) else position
-            by_j = angle if is_angle(reading.kind, j) else position
-            R[i, j] += (math.sqrt(by_i * by_j) - 1.0) * reading.R[i, j]
+            scale_i = angle if is_angle(reading.kind, i) else position
+            scale_j = angle if is_angle(reading.kind, j) else position
+            # The covariance of the linearisation error, which R also contains, is not scaled.
+            R[i, j] += (math.sqrt(scale_i * scale_j) - 1.0) * reading.R[i, j]
     return Expected(expected.y, expected.H, R)
 
 
 def _inflation(filter_: Filter, options: Options, reading: Reading) -> float:
-    """Return the factor by which R is inflated for errors that are correlated in time."""
+    """Return the factor by which R is inflated for time-correlated errors."""
     last, time = filter_.last[reading.place], options.times[reading.source]
     if last[state.VALID] == 0.0 or not (options.finds_noise or time > 0.0):
         return 1.0
@@ -178,15 +181,15 @@ def _inflation(filter_: Filter, options: Options, reading: Reading) -> float:
 
 
 def correct_state(x: Array, P: Array, options: Options, expected: Expected, inflation: float, weight: float) -> Array:
-    """Correct mean and covariance in place, and return the shift (n,) of the mean.
+    """Correct mean ``x`` (n,) and covariance ``P`` (n, n) in place, and return the shift (n,) of the mean.
 
     Args:
-        x: mean (n,).
-        P: covariance (n, n).
+        x: mean.
+        P: covariance.
         options: options of the filter.
-        expected: the measurement compared with the mean.
-        inflation: factor on R in the gain.
-        weight: factor on the covariance of the innovation in the gain; NIS / bound beyond the gate.
+        expected: measurement compared with the mean.
+        inflation: factor on R.
+        weight: factor on the innovation covariance S if above 1; beyond the gate it is NIS / bound.
     """
     R = inflation * expected.R
     if weight > 1.0:
@@ -203,19 +206,19 @@ def correct_state(x: Array, P: Array, options: Options, expected: Expected, infl
     x += shift
     x[2] = wrap_angle(float(x[2]))
     if options.max_radius_error > 0.0:
-        _keep_wheels_possible(x, P, options)
+        _reset_implausible_wheels(x, P, options)
     return shift
 
 
 def _turn_rows(P: Array, sine: float, cosine: float) -> None:
-    """Turn the rows of x and y of a matrix (n, n) in place."""
+    """Rotate the rows of x and y of a matrix (n, n) in place."""
     for i in range(len(P)):
         first, second = float(P[0, i]), float(P[1, i])
         P[0, i], P[1, i] = cosine * first - sine * second, sine * first + cosine * second
 
 
-def _keep_wheels_possible(x: Array, P: Array, options: Options) -> None:
-    """Reset the errors of the wheels if one of them exceeds its bound, which shows that a wheel slips."""
+def _reset_implausible_wheels(x: Array, P: Array, options: Options) -> None:
+    """Reset the wheel errors if one of them exceeds its bound, since then a wheel slips."""
     errors, variances = options.errors, options.variances
     radii = max(abs(float(x[3]) - errors[0]), abs(float(x[4]) - errors[1]))
     if radii <= options.max_radius_error and abs(float(x[5]) - errors[2]) <= options.max_separation_error:
@@ -234,17 +237,17 @@ def _accept(filter_: Filter, options: Options, reading: Reading, expected: Expec
         gate[state.SLACK] = max(gate[state.SLACK] - _SLACK_DOWN, 0.0)
     factor, m, paired = _inflation(filter_, options, reading), len(expected.y), last[state.VALID] > 0.0
     x, y, theta, var_theta = float(filter_.x[0]), float(filter_.x[1]), float(filter_.x[2]), float(filter_.P[2, 2])
-    whiteness = 0.0
+    product = 0.0
     for i in range(m):
         u = float(expected.y[i]) / math.sqrt(float(S[i, i]))
-        whiteness += u * float(last[state.NORMALISED + i])
+        product += u * float(last[state.NORMALISED + i])
         last[state.NORMALISED + i] = u
-    noise.observe(row, nis, whiteness, m, paired)
+    noise.add_innovation(row, nis, product, m, paired)
     shift = correct_state(filter_.x, filter_.P, options, expected, factor, 1.0)
     if options.fuzzy and reading.source == 0:
         noise.add_drift(row, last[state.NORMALISED : state.NORMALISED + 3], m)
     if paired and (options.fuzzy or options.finds_noise or options.times[reading.source] > 0.0):
-        _learn(filter_, options, reading, expected, x, y)
+        _update_noise(filter_, options, reading, expected, x, y)
     last[state.VALID], last[state.TIME] = 1.0, reading.time
     last[state.POSE], last[state.POSE + 1], last[state.POSE + 2], last[state.VAR_THETA] = x, y, theta, var_theta
     last[state.ALONG], last[state.TURN] = filter_.travelled[0], filter_.travelled[1]
@@ -255,43 +258,43 @@ def _accept(filter_: Filter, options: Options, reading: Reading, expected: Expec
         filter_.shift[i] += shift[i]
 
 
-def _learn(filter_: Filter, options: Options, reading: Reading, expected: Expected, x: float, y: float) -> None:
-    """Add a pair of neighbouring measurements to the noise statistic, and inflate P if R turns out to be too small.
+def _update_noise(filter_: Filter, options: Options, reading: Reading, expected: Expected, x: float, y: float) -> None:
+    """Add the previous and this measurement to the noise statistic, and inflate P if the estimated R increases.
 
     ``x`` and ``y`` [m] are the estimated position before the correction.
     """
     row, last = filter_.noise[reading.source], filter_.last[reading.place]
     shift = filter_.shift - last[state.SHIFT :]
     dx, dy = x - float(last[state.POSE]) - float(shift[0]), y - float(last[state.POSE + 1]) - float(shift[1])
-    # An error of the heading turns the path and so moves its end sideways.
-    spread = float(filter_.travelled[0] - last[state.ALONG]) + (dx * dx + dy * dy) * float(last[state.VAR_THETA])
-    turned = float(filter_.travelled[1] - last[state.TURN])
-    pairs, H, moved = np.zeros((2, 5)), expected.H, expected.H @ shift
+    # A heading error rotates the path and so moves the end of the path sideways.
+    var_position = float(filter_.travelled[0] - last[state.ALONG]) + (dx * dx + dy * dy) * float(last[state.VAR_THETA])
+    var_heading = float(filter_.travelled[1] - last[state.TURN])
+    sums, H, moved = np.zeros((2, 5)), expected.H, expected.H @ shift
     for i in range(len(moved)):
-        now, before, weight = float(expected.y[i]), float(last[state.INNOVATION + i]), 1.0 / float(reading.R[i, i])
-        newest, by_x, by_y, by_theta = now - before + float(moved[i]), float(H[i, 0]), float(H[i, 1]), float(H[i, 2])
-        part = pairs[1 if is_angle(reading.kind, i) else 0]
-        part[noise.DIFFERENCE] += 0.5 * newest * newest * weight
-        part[noise.MOTION] += 0.5 * ((by_x * by_x + by_y * by_y) * spread + by_theta * by_theta * turned) * weight
-        part[noise.PRODUCT] += now * before * weight
-        part[noise.SQUARE] += now * now * weight
+        y_new, y_old, weight = float(expected.y[i]), float(last[state.INNOVATION + i]), 1.0 / float(reading.R[i, i])
+        difference = y_new - y_old + float(moved[i])
+        H_x, H_y, H_theta = float(H[i, 0]), float(H[i, 1]), float(H[i, 2])
+        part = sums[1 if is_angle(reading.kind, i) else 0]
+        part[noise.DIFFERENCE] += 0.5 * difference * difference * weight
+        part[noise.MOTION] += 0.5 * ((H_x * H_x + H_y * H_y) * var_position + H_theta * H_theta * var_heading) * weight
+        part[noise.PRODUCT] += y_new * y_old * weight
+        part[noise.SQUARE] += y_new * y_new * weight
         part[4] += 1.0
-    known = options.times[reading.source] > 0.0
-    dt, was = reading.time - float(last[state.TIME]), _total(row, reading)
-    noise.learn(row, pairs, dt)
+    old_factor = _noise_factor(row, reading)
+    noise.add_pair(row, sums, reading.time - float(last[state.TIME]))
     if options.fuzzy:
-        noise.find_fuzzy(row)
-    elif not known:
-        noise.find(row)
-    grown = _total(row, reading) / was
-    if grown > 1.0:
-        root = math.sqrt(grown)
-        filter_.P[:3, :] *= root
-        filter_.P[:, :3] *= root
+        noise.update_scale_by_rules(row)
+    elif options.times[reading.source] == 0.0:
+        noise.update_scale_and_time(row)
+    growth = _noise_factor(row, reading) / old_factor
+    if growth > 1.0:
+        # Past corrections used an R that was too small.
+        filter_.P[:3, :] *= math.sqrt(growth)
+        filter_.P[:, :3] *= math.sqrt(growth)
 
 
-def _total(row: Array, reading: Reading) -> float:
-    """Return the factor on R that was found for a source, as the geometric mean over the numbers of a measurement."""
+def _noise_factor(row: Array, reading: Reading) -> float:
+    """Return the estimated factor on R of a source, as the geometric mean over the scalars of a measurement."""
     position, angle = noise.scale_of(row, False), noise.scale_of(row, True)
     share = 1.0 / 3.0 if reading.kind == POSE_FIX else 0.5 if reading.kind == LANDMARK else 0.0
     if reading.kind == HEADING:
@@ -300,7 +303,7 @@ def _total(row: Array, reading: Reading) -> float:
     return float(position ** (1.0 - share) * angle**share) * inflation
 
 
-def _doubt(filter_: Filter, options: Options, reading: Reading, bound: float) -> int:
+def _reject(filter_: Filter, options: Options, reading: Reading, bound: float) -> int:
     """Correct or restart the candidate with a fix beyond the gate; return REJECTED or RELOCATED."""
     gate, x, P = filter_.gate, filter_.candidate, filter_.candidate_P
     row = filter_.noise[reading.source]
@@ -328,7 +331,7 @@ def _doubt(filter_: Filter, options: Options, reading: Reading, bound: float) ->
         return REJECTED
     filter_.x[:] = x
     filter_.P[:, :] = P
-    # If the fixes agree with each other, they were not noise, and the gate was right to reject them.
+    # Fixes that agree with each other were not noise, so rejecting them does not show that the gate is too narrow.
     slack = max(gate[state.SLACK] - gate[state.AGREEING] * _SLACK_UP, 0.0) if enough else gate[state.SLACK]
     gate[: state.HAS_CANDIDATE + 1] = 0.0
     gate[state.SLACK] = slack
@@ -337,80 +340,83 @@ def _doubt(filter_: Filter, options: Options, reading: Reading, bound: float) ->
 
 
 def take_rate(filter_: Filter, options: Options, motion: Motion) -> float:
-    """Correct the bias of the gyro and the errors of the wheels with the turn rate of a motion.
+    """Correct the gyro bias and the wheel errors with the turn rate of a motion.
 
-    When a wheel begins or ends to slip, the innovations keep one sign. Then the variances of the radii are increased
-    until they explain the innovations, and the radii are estimated again. Turn rates beyond the gate do not count, so
-    that a broken gyro is not explained by slip. The turn rate does not show slip that is equal at both wheels.
+    When a wheel starts or stops slipping, the innovations keep one sign. The variances of the radius errors are then
+    increased until they explain the innovations, and the filter estimates the radii again. Turn rates beyond the gate
+    are excluded from this, so that a broken gyro is not explained by slip. Equal slip of both wheels is not detected,
+    since it does not change the turn rate.
 
     Returns:
-        The difference [rad/s] between gyro and wheels if it is beyond the gate, where it corrects with a part of the
-        gain; 0 within the gate.
+        The difference [rad/s] between gyro and wheels if it is beyond the gate, else 0. Beyond the gate, the turn rate
+        corrects with a reduced gain.
     """
-    found, bound = rate_expectation(filter_.x, motion, options.separation), options.gates[0]
-    y, R = np.array((found.y,)), np.array(((found.variance,),))
-    expected = Expected(y, found.H, R)
-    S = float(kalman.innovation_covariance(filter_.P, found.H, R)[0, 0])
-    nis = found.y * found.y / S
-    filter_.shift[:] += correct_state(filter_.x, filter_.P, options, expected, 1.0, nis / bound)
+    rate, bound = rate_expectation(filter_.x, motion, options.separation), options.gates[0]
+    y, R = np.array((rate.y,)), np.array(((rate.variance,),))
+    S = float(kalman.innovation_covariance(filter_.P, rate.H, R)[0, 0])
+    nis = rate.y * rate.y / S
+    filter_.shift[:] += correct_state(filter_.x, filter_.P, options, Expected(y, rate.H, R), 1.0, nis / bound)
     if nis > bound:
-        return found.y
+        return rate.y
     if options.max_radius_error > 0.0:
-        _follow_slip(filter_, motion.dt, found.y, S, float(found.H[0, 3]) ** 2 + float(found.H[0, 4]) ** 2)
+        _inflate_radii_on_slip(filter_, motion.dt, rate.y, S, float(rate.H[0, 3]) ** 2 + float(rate.H[0, 4]) ** 2)
     return 0.0
 
 
-def _follow_slip(filter_: Filter, dt: float, y: float, S: float, sensitivity: float) -> None:
-    """Increase the variances of the radii if innovations of the turn rate keep one sign.
+def _inflate_radii_on_slip(filter_: Filter, dt: float, y: float, S: float, sensitivity: float) -> None:
+    """Increase the variances of the radius errors if the innovations of the turn rate keep one sign.
 
     Args:
-        filter_: a filter whose radii are states.
+        filter_: filter that estimates the radius errors.
         dt: duration of the step [s].
-        y: innovation [rad/s].
-        S: its variance [rad^2/s^2].
-        sensitivity: sum of the squared derivatives of the turn rate with respect to both radii [rad^2/s^2].
+        y: innovation of the turn rate [rad/s].
+        S: variance of the innovation [rad^2/s^2].
+        sensitivity: sum of the squared derivatives of the turn rate with respect to both radius errors [rad^2/s^2].
     """
     share = dt / (_SLIP_TIME + dt)
     mean = filter_.gate[state.DISAGREEMENT] + share * (y / math.sqrt(S) - filter_.gate[state.DISAGREEMENT])
     filter_.gate[state.DISAGREEMENT] = mean
     squared = mean * mean * S
-    # The mean of white innovations has the variance share / (2 - share). Wheels at rest cannot slip.
+    # The mean of white innovations has the variance share / (2 - share). The second condition excludes wheels at rest.
     if mean * mean * (2.0 - share) > _SLIP_BOUND * share and squared <= MAX_SLIP * MAX_SLIP * sensitivity:
         filter_.gate[state.DISAGREEMENT] = 0.0
-        # Both radii are equally likely to have changed.
+        # Either radius may have changed, so both variances increase equally.
         variance = min(_SLIP_GROWTH * squared / sensitivity, MAX_SLIP * MAX_SLIP)
         filter_.P[3, 3] += variance
         filter_.P[4, 4] += variance
 
 
 def average(filter_: Filter, options: Options) -> tuple[Array, Array]:
-    """Return mean (n,) and covariance (n, n) over two hypotheses on the errors of a sensor: as configured, or not.
+    """Return mean (n,) and covariance (n, n), averaged over two hypotheses for the wheels and for the landmark sensor.
 
-    Estimating an error that does not exist costs accuracy. The user gives the prior probability that the wheels are as
-    configured; for the landmark sensor both hypotheses are equally likely. The filter runs under the second hypothesis.
-    Its estimate conditioned on the configured errors is the estimate under the first one. The ratio of the present to
-    the initial density at these errors is the Bayes factor of the first hypothesis (Savage-Dickey density ratio).
+    Hypothesis 1: the errors are exactly as configured. Hypothesis 2: they differ. Estimating an error that does not
+    exist costs accuracy, so neither hypothesis alone is good for all robots. The filter runs under hypothesis 2. Its
+    estimate conditioned on the configured errors is the estimate under hypothesis 1. The present over the initial
+    density at the configured errors is the Bayes factor of hypothesis 1 (Savage-Dickey density ratio).
     """
     x, P = filter_.x.copy(), filter_.P.copy()
     if options.size > WHEELS:
         _average_over(x, P, options, WHEELS, options.wheels_as_configured)
     if options.size > SENSOR:
-        _average_over(x, P, options, SENSOR, _EVEN)
+        _average_over(x, P, options, SENSOR, _SENSOR_AS_CONFIGURED)
     return x, P
 
 
 def _average_over(x: Array, P: Array, options: Options, first: int, prior: float) -> None:
-    """Average in place over both hypotheses on the three errors from index ``first`` on."""
-    given, P_given, log_ratio = x, P, 0.0
-    for at in range(first, first + 3):
-        variance, at_start = float(P_given[at, at]), options.variances[at - WHEELS]
-        if at_start > 0.0 and variance > 0.0:
-            shift = options.errors[at - WHEELS] - float(given[at])
-            log_ratio += 0.5 * (math.log(at_start / variance) - shift * shift / variance)
-            given, P_given = kalman.condition(given, P_given, at, options.errors[at - WHEELS])
-    # Probability of the first hypothesis; the logarithm is bounded so that exp does not overflow.
-    likely = prior / (prior + (1.0 - prior) * math.exp(min(-log_ratio, 700.0)))
-    between = given - x
-    P += likely * (P_given - P) + likely * (1.0 - likely) * between * between.reshape(len(between), 1)
-    x += likely * between
+    """Average in place over both hypotheses on the three errors that begin at index ``first``.
+
+    ``prior`` is the prior probability of hypothesis 1.
+    """
+    x_1, P_1, log_bayes = x, P, 0.0
+    for i in range(first, first + 3):
+        variance, initial = float(P_1[i, i]), options.variances[i - WHEELS]
+        if initial > 0.0 and variance > 0.0:
+            difference = options.errors[i - WHEELS] - float(x_1[i])
+            log_bayes += 0.5 * (math.log(initial / variance) - difference * difference / variance)
+            x_1, P_1 = kalman.condition(x_1, P_1, i, options.errors[i - WHEELS])
+    # Posterior probability of hypothesis 1; the exponent is bounded so that exp does not overflow.
+    probability = prior / (prior + (1.0 - prior) * math.exp(min(-log_bayes, 700.0)))
+    between = x_1 - x
+    P += probability * (P_1 - P) + probability * (1.0 - probability) * between * between.reshape(len(between), 1)
+    x += probability * between
     x[2] = wrap_angle(float(x[2]))

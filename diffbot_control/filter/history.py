@@ -1,7 +1,7 @@
-"""The bounded history of odometry steps, into which measurements are put in the order of their stamps.
+"""The bounded history of odometry steps and their measurements, sorted by stamp.
 
-A measurement that is later than the newest odometry waits until a step covers its stamp. An earlier one is inserted
-into the step that covers its stamp, and the caller computes the history again from that step on.
+A measurement with a stamp after the newest odometry waits until a step covers its stamp. An earlier measurement is
+inserted into the step that covers its stamp, and the caller computes this step and all later steps again.
 """
 
 from __future__ import annotations
@@ -21,35 +21,35 @@ _MAX_WAITING = 1000
 """Largest number of measurements that wait for their odometry."""
 _MAX_WAITING_GYRO = 10_000
 _MAX_KEYS = 10_000
-"""Largest number of keys that are kept to recognise duplicates."""
+"""Largest number of keys that are stored to recognise duplicates."""
 _key_of = attrgetter("key")
 _stamp_of = attrgetter("stamp")
 
 
 @dataclass(slots=True)
-class Step:
-    """One odometry step, with all that is needed to compute it again."""
+class HistoryStep:
+    """One odometry step, with everything that is needed to compute it again."""
 
     start: int
     """[ns]"""
     odometry: OdometryStep
-    """the mean twist; its stamp is the end of the step"""
+    """mean twist; its stamp is the end of the step"""
     whole: int
-    """[ns] duration of the message that the twist comes from"""
+    """[ns] duration of the odometry message or gap, of which the step may be a part"""
     is_gap: bool
-    """True: the motion is unknown"""
+    """True: the odometry has a gap here, so the motion is unknown"""
     memory: Array
-    """the filter's memory at the start of the step"""
+    """memory of the filter at the start of the step"""
     measurements: list[Measurement] = field(default_factory=list)
     gyro: list[GyroSample] = field(default_factory=list)
 
     @property
     def duration(self) -> float:
-        """Duration [s]."""
+        """Duration of the step [s]."""
         return (self.odometry.stamp - self.start) * S_PER_NS
 
     def rate(self) -> TurnRate:
-        """Return the mean of the gyro's samples; NO_RATE if there are none."""
+        """Return the mean of the gyro samples; NO_RATE if there are none."""
         if not self.gyro:
             return NO_RATE
         n = len(self.gyro)
@@ -61,7 +61,7 @@ class History:
 
     def __init__(self) -> None:
         """Start empty."""
-        self.steps: deque[Step] = deque()
+        self.steps: deque[HistoryStep] = deque()
         """oldest first"""
         self._waiting: list[Measurement] = []
         self._waiting_gyro: list[GyroSample] = []
@@ -82,8 +82,8 @@ class History:
         if len(self._keys) > _MAX_KEYS:
             self._keys.popitem(last=False)
 
-    def append(self, step: Step) -> None:
-        """Append a step and give it all waiting measurements up to its end."""
+    def append(self, step: HistoryStep) -> None:
+        """Append a step, and move all waiting measurements with stamps up to its end into it."""
         end = step.odometry.stamp
         if self._waiting:
             ready = bisect_right(self._waiting, end, key=_stamp_of)
@@ -102,7 +102,7 @@ class History:
         if len(self._waiting) >= _MAX_WAITING:
             if measurement.stamp >= self._waiting[-1].stamp:
                 raise BadMessageError("no odometry for it", f"{_MAX_WAITING} measurements wait already")
-            # Drop the one furthest ahead: a sender with a wrong clock must not block the others.
+            # Drop the measurement with the latest stamp: a sender with a wrong clock must not block other senders.
             self._forget_key(self._waiting.pop())
         insort(self._waiting, measurement, key=_key_of)
 
@@ -110,22 +110,22 @@ class History:
         """Insert a measurement into the step that covers its stamp, and return the index of the step.
 
         Args:
-            measurement: not later than ``now``.
-            now: [ns] end of the newest step.
+            measurement: measurement with a stamp not after ``now``.
+            now: end of the newest step [ns].
 
         Raises:
             BadMessageError: if the stamp is before the history.
         """
-        index = self._covering(measurement.stamp, now)
+        index = self._covering_index(measurement.stamp, now)
         insort(self.steps[index].measurements, measurement, key=_key_of)
         return index
 
     def insert_gyro(self, sample: GyroSample, now: int) -> int | None:
-        """Insert a turn rate into the step that covers its stamp, or store it until that step is added.
+        """Insert a turn rate into the step that covers its stamp, or store it until this step is appended.
 
         Args:
-            sample: the turn rate.
-            now: [ns] end of the newest step.
+            sample: measured turn rate.
+            now: end of the newest step [ns].
 
         Returns:
             The index of the step, or None if the sample waits.
@@ -133,17 +133,17 @@ class History:
         Raises:
             BadMessageError: if the sample is a duplicate, if it is before the history, or if too many samples wait.
         """
-        index = None if sample.stamp > now else self._covering(sample.stamp, now)
+        index = None if sample.stamp > now else self._covering_index(sample.stamp, now)
         samples = self._waiting_gyro if index is None else self.steps[index].gyro
-        at = bisect_left(samples, sample.stamp, key=_stamp_of)
-        if at < len(samples) and samples[at].stamp == sample.stamp:
+        position = bisect_left(samples, sample.stamp, key=_stamp_of)
+        if position < len(samples) and samples[position].stamp == sample.stamp:
             raise BadMessageError("duplicate")
         if index is None and len(samples) >= _MAX_WAITING_GYRO:
             raise BadMessageError("no odometry for it", f"{_MAX_WAITING_GYRO} samples wait already")
-        samples.insert(at, sample)
+        samples.insert(position, sample)
         return index
 
-    def _covering(self, stamp: int, now: int) -> int:
+    def _covering_index(self, stamp: int, now: int) -> int:
         for index in range(len(self.steps) - 1, -1, -1):
             start = self.steps[index].start
             # A stamp equal to the start of the history belongs to the state that the history starts from.
@@ -152,12 +152,12 @@ class History:
         raise BadMessageError("too old", f"{(now - stamp) * S_PER_NS:.3f} s behind the odometry, before the history")
 
     def trim(self, length: int) -> None:
-        """Drop the steps that ended more than ``length`` [ns] before the newest one, and the keys of that time."""
+        """Drop the steps that ended more than ``length`` [ns] before the newest step, and the keys of these steps."""
         oldest = self.steps[-1].odometry.stamp - length
         while self.steps[0].odometry.stamp < oldest:
             self.steps.popleft()
-        # Keys are in order of arrival: a late one is kept a little longer than necessary. One far ahead blocks this
-        # loop, and _MAX_KEYS bounds their number.
+        # Keys are in order of arrival, so keys of late measurements are kept a little longer than necessary. A key with
+        # a stamp far in the future stops this loop; then _MAX_KEYS bounds the number of keys.
         while self._keys and next(iter(self._keys))[0] < oldest:
             self._keys.popitem(last=False)
 
@@ -170,7 +170,7 @@ class History:
         return count
 
     def clear(self) -> None:
-        """Drop all steps and waiting measurements; turn rates continue to wait."""
+        """Drop all steps and waiting measurements, but keep waiting turn rates."""
         self.steps.clear()
         for dropped in self._waiting:
             self._forget_key(dropped)
@@ -181,5 +181,5 @@ class History:
         self._waiting_gyro.clear()
 
     def _forget_key(self, dropped: Measurement) -> None:
-        """Allow a measurement that was never fused to be sent again."""
+        """Remove the key of a measurement that was never fused, so that it can be sent again."""
         self._keys.pop(dropped.key, None)

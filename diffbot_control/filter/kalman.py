@@ -1,6 +1,6 @@
-"""The algebra of the Kalman filter, by filterpy.
+"""The algebra of the Kalman filter, computed by filterpy.
 
-The simulation compiles the whole filter except these functions, which it replaces by loops; a test holds both equal.
+The simulation compiles the whole filter except these functions, which it replaces by loops; a test compares both.
 Letters: covariance P, transition Jacobian F, process noise Q, measurement Jacobian H, measurement noise R, gain K.
 """
 
@@ -15,34 +15,30 @@ from filterpy.kalman import ExtendedKalmanFilter
 from diffbot_control.filter.models import Array
 
 
-class _Filters(threading.local):
-    """A filterpy filter for each number of states, of each thread."""
-
-    def __init__(self) -> None:
-        self._by_size: dict[int, _Correction] = {}
-
-    def of_size(self, n: int) -> _Correction:
-        if n not in self._by_size:
-            self._by_size[n] = _Correction(n)
-        return self._by_size[n]
-
-
-class _Correction(ExtendedKalmanFilter):  # type: ignore[misc]
-    """filterpy's filter, used for the error of the mean, which is zero before each step."""
-
-    def __init__(self, n: int) -> None:
-        super().__init__(dim_x=n, dim_z=1)
-        self.zero = np.zeros(n)
+class _ErrorFilter(ExtendedKalmanFilter):  # type: ignore[misc]
+    """filterpy's filter for the error of the mean, which is 0 before each step; :mod:`models` moves the mean."""
 
     def predict_x(self, u: Any = 0) -> None:
-        """Do nothing, since :mod:`models` moves the mean."""
+        """Do nothing, since the error stays 0."""
+
+
+class _Filters(threading.local):
+    """Filters of each thread by their number of states, since a filterpy filter keeps its arrays between calls."""
+
+    def __init__(self) -> None:
+        self._by_size: dict[int, _ErrorFilter] = {}
+
+    def of_size(self, n: int) -> _ErrorFilter:
+        if n not in self._by_size:
+            self._by_size[n] = _ErrorFilter(dim_x=n, dim_z=1)
+        return self._by_size[n]
 
 
 _filters = _Filters()
 
 
 def propagate(P: Array, F: Array, Q: Array) -> Array:
-    """Return F P F' + Q; all are (n, n)."""
+    """Return F P F' + Q; all matrices are (n, n)."""
     ekf = _filters.of_size(len(P))
     ekf.P, ekf.F, ekf.Q = P, F, Q
     ekf.predict()
@@ -65,15 +61,15 @@ def correct(P: Array, y: Array, H: Array, R: Array) -> tuple[Array, Array]:
         R: covariance of the measurement (m, m); H P H' + R must be regular.
 
     Returns:
-        The shift K y (n,) of the mean, and the corrected covariance (I - K H) P (I - K H)' + K R K' (n, n).
+        Shift K y (n,) of the mean, and corrected covariance (I - K H) P (I - K H)' + K R K' (n, n).
     """
     ekf = _filters.of_size(len(P))
-    ekf.x, ekf.P = ekf.zero, P
+    ekf.x, ekf.P = np.zeros(len(P)), P
     ekf.update(y, lambda _: H, lambda _: 0.0, R)
     return np.asarray(ekf.x), np.asarray(ekf.P)
 
 
 def condition(x: Array, P: Array, at: int, value: float) -> tuple[Array, Array]:
-    """Return mean (n,) and covariance (n, n) given the value of the state with index ``at``, whose variance is > 0."""
+    """Return mean (n,) and covariance (n, n) given the value of the state with index ``at``; P[at, at] > 0."""
     gain = P[at] / P[at, at]
     return x + (value - x[at]) * gain, P - P[at, at] * gain * gain.reshape(len(gain), 1)

@@ -1,8 +1,8 @@
-"""The filter of a robot: fuses odometry, fixes, headings, landmarks and turn rates in the order of their stamps.
+"""Localization of a robot: fuses odometry, fixes, headings, landmarks and turn rates in the order of their stamps.
 
-The filter's time is the stamp of the newest odometry. A measurement with a later stamp waits for its odometry. One with
-an earlier stamp is inserted into the :mod:`history`, and the steps after the measurement are computed again, once for
-all late measurements of a message.
+The time of the filter is the stamp of the newest odometry. A measurement with a later stamp waits for its odometry. A
+measurement with an earlier stamp is inserted into the :mod:`history`, and the steps from there on are computed again,
+once for all late measurements of a message.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from diffbot_control.filter import contradiction, ekf, state
 from diffbot_control.filter.config import LocalizationConfig, options_of, sources_of
 from diffbot_control.filter.consistency import SourceConsistency, consistency_of
-from diffbot_control.filter.history import History, Step
+from diffbot_control.filter.history import History, HistoryStep
 from diffbot_control.filter.measurement import FIXES, LANDMARKS, GyroSample, Measurement
 from diffbot_control.filter.models import (
     NO_RATE,
@@ -41,15 +41,15 @@ from diffbot_core.kinematics import Twist, TwistCovariance, WheelGeometry, add_t
 from diffbot_core.stamps import NS_PER_S, S_PER_NS
 
 _MAX_GAP = 1000 * NS_PER_S
-"""[ns] between two odometry messages; the mean twist does not describe a longer motion."""
-_SET_BACK, _MIN_SET_BACK = 2, NS_PER_S // 10
-"""If this many odometry messages in a row are behind the newest one, and span at least this time [ns], their clock was
-set back. A single one is out of order."""
+"""[ns] Longest gap between two odometry messages; after a longer gap the filter is reset."""
+_SET_BACK_COUNT, _SET_BACK_SPAN = 2, NS_PER_S // 10
+"""If at least this many successive odometry messages are older than the newest message, and span at least this time
+[ns], the clock of the odometry was set back. A single older message is out of order."""
 _NO_SLIP = TwistCovariance(0.0, 0.0, 0.0)
 
 
 class FilterEstimate(NamedTuple):
-    """State of the filter at one time, averaged over the hypotheses on the errors of the sensors."""
+    """Estimate at one time, averaged over the hypotheses of :func:`ekf.average`."""
 
     stamp: int
     """[ns]"""
@@ -57,13 +57,13 @@ class FilterEstimate(NamedTuple):
     P: Array
     """(3, 3) covariance of x, y, theta [m, m, rad]"""
     odometry: OdometryStep | None
-    """the newest odometry; None before the first one"""
+    """newest odometry; None before the first odometry"""
     x: Array
-    """(n,) all states, see :mod:`models`"""
+    """(n,) state, see :mod:`models`"""
 
 
 class Localization:
-    """A filter that fuses measurements by their stamps; it starts with the first fix, or by :meth:`initialise`."""
+    """Filter that fuses measurements in the order of their stamps, from the first fix or :meth:`initialise` on."""
 
     def __init__(
         self,
@@ -73,13 +73,13 @@ class Localization:
         *,
         landmarks: Sequence[Point] = (),
     ) -> None:
-        """Start with an unknown pose.
+        """Create a filter with an unknown pose.
 
         Args:
-            config: options of the fusion.
-            wheel_separation: L [m].
-            max_extrapolation: [s] before its stamp in which the twist of an odometry describes the motion; see
-                :meth:`on_odometry`.
+            config: parameters of the fusion.
+            wheel_separation: wheel separation L [m].
+            max_extrapolation: longest time [s] before its stamp for which the twist of an odometry message describes
+                the motion; see :meth:`on_odometry`.
             landmarks: positions of the landmarks on the map [m]; measurements of other landmarks are dropped.
         """
         self.config = config
@@ -93,34 +93,34 @@ class Localization:
         self.dropped_before_odometry = 0
         """number of measurements that were dropped because their stamps are before the first odometry"""
         self.clock_set_back = 0
-        """number of times that the clock of the odometry was set back and the filter followed it"""
+        """number of times that the clock of the odometry was set back"""
         self.time_restarts = True
-        """True: a jump of the time is the start of another run, as of a simulation or a bag, and resets the filter.
-        False: a jump means that the clock was set."""
+        """True: a jump of time is the start of another simulation or bag, and resets the filter. False: a jump means
+        that the clock was set, and the filter continues."""
         self.outcomes: dict[str, Counter[int]] = {FIXES: Counter()}
-        """number of measurements of each source that were ACCEPTED, REJECTED, RELOCATED, IGNORED or WEIGHED"""
+        """number of measurements of each source by their outcome, see :mod:`ekf`"""
         self.reset()
 
     def configure(self, config: LocalizationConfig, wheel_separation: float) -> None:
-        """Apply changed options from the next message on; the variant of the filter and its sources stay."""
+        """Apply changed parameters from the next message on; the variant of the filter and the sources stay."""
         variant = self.config.filter.filter
         self.config = config._replace(filter=config.filter._replace(filter=variant))
         self.options = options_of(self.config, wheel_separation, tuple(self._places))
         self._history_length = round(config.history_length / S_PER_NS)
 
     def reset(self) -> None:
-        """Reset everything to unknown; the next fix initialises the filter."""
+        """Reset the pose, all estimated errors and the history; the next fix initialises the filter."""
         state.reset(self.filter, self.options)
         self.initialised = False
         self.contradiction = contradiction.NONE
         """signs that the fixes contradict the odometry"""
         self.slipping = 0.0
-        """[s] of motion for which the gyro has contradicted the turn rate without a break"""
+        """[s] time for which the turn rates of wheels and gyro have disagreed without interruption"""
         self.turns = Agreement()
         """agreement of the turn rates of wheels and gyro"""
         self._early = EarlyOdometry()
         self._behind: list[OdometryStep] = []
-        """odometry messages in a row that are behind the newest one"""
+        """successive odometry messages with stamps before the newest odometry"""
         self._stamp: int | None = None
         self._odometry: OdometryStep | None = None
         self._history = History()
@@ -128,11 +128,11 @@ class Localization:
         self._newest_motion: Motion | None = None
 
     def initialise(self, pose: Pose, P: Array, stamp: int | None = None) -> None:
-        """Put the filter at ``pose`` with covariance ``P`` (3, 3).
+        """Set the pose with covariance ``P`` (3, 3), and keep the estimated errors and the time of the filter.
 
-        The estimated errors stay, and so does the filter's time. If the filter has no time yet, its time becomes
-        ``stamp`` [ns], or the stamp of the first odometry. A stamp of another clock is replaced by the stamp of the
-        newest odometry.
+        If the filter has no time yet, ``stamp`` [ns] becomes its time; without a stamp, the time begins with the first
+        odometry. A stamp that differs from the newest odometry by more than the history is from another clock. It is
+        replaced by the stamp of the newest odometry.
         """
         newest = self._early.newest
         if stamp is not None and newest is not None and abs(stamp - newest) > self._history_length:
@@ -145,7 +145,7 @@ class Localization:
         self.initialised = True
 
     def estimate(self) -> FilterEstimate:
-        """Return the present state.
+        """Return the estimate at the time of the filter.
 
         Raises:
             BadMessageError: before the first fix or odometry.
@@ -156,14 +156,14 @@ class Localization:
         return FilterEstimate(self._stamp, Pose(*x[:3].tolist()), P[:3, :3], self._odometry, x)
 
     def twist_of(self, estimate: FilterEstimate, odometry: OdometryStep) -> tuple[Twist, TwistCovariance]:
-        """Return the twist of the newest odometry, corrected by the gyro and by the errors in an estimate.
+        """Return the twist of the newest odometry, corrected by the gyro and by the estimated wheel errors.
 
         Args:
-            estimate: the newest one.
-            odometry: used if the estimate is older than the first odometry.
+            estimate: newest estimate.
+            odometry: odometry to use if the estimate has none.
 
         Returns:
-            The twist and its covariance; a covariance of zeros means unknown and stays so.
+            The twist and its covariance; an all-zero covariance means unknown and is not changed.
         """
         _, twist, covariance = estimate.odometry or odometry
         motion, newest = Motion(twist, 0.0, covariance), self._newest_motion
@@ -173,37 +173,38 @@ class Localization:
         return corrected_twist(estimate.x, motion, self.options.separation), covariance
 
     def consistency(self) -> dict[str, SourceConsistency]:
-        """Return what the accepted innovations of each source say about the filter, for sources that have any."""
+        """Return the statistics of the accepted innovations of each source that has any."""
         noise, times = self.filter.noise, self.options.times
-        found = {name: consistency_of(noise[row], times[row]) for name, row in self._sources.items()}
-        return {name: one for name, one in found.items() if one is not None}
+        statistics = {name: consistency_of(noise[row], times[row]) for name, row in self._sources.items()}
+        return {name: one for name, one in statistics.items() if one is not None}
 
     def check_innovations(self) -> None:
-        """Check whether the fixes contradict the odometry without relocating the filter; call it periodically."""
-        one = self.consistency().get(FIXES)
-        if one is not None and one.autocorrelation is not None and self._stamp is not None:
+        """Detect fixes that contradict the odometry without relocating the filter; call this periodically."""
+        fixes = self.consistency().get(FIXES)
+        if fixes is not None and fixes.autocorrelation is not None and self._stamp is not None:
             self.contradiction = contradiction.with_innovations(
-                self.contradiction, self._stamp, one.nis / one.alarm, one.autocorrelation
+                self.contradiction, self._stamp, fixes.nis / fixes.alarm, fixes.autocorrelation
             )
 
     def on_odometry(self, odometry: OdometryStep, acts_for: float = math.inf) -> FilterEstimate:
-        """Move to the stamp of ``odometry`` and fuse the measurements that waited for it.
+        """Predict the estimate at the stamp of ``odometry``, and fuse the measurements that waited for it.
 
-        An odometry with the stamp of the last one (a repetition) is answered without moving. After a gap in the
-        odometry, its twist moves the estimate for the last ``max_extrapolation`` seconds only. During the rest of the
-        gap the estimate stays, and its deviation grows by the distance that the faster of the two twists around the gap
-        would cover.
+        An odometry with the stamp of the previous odometry is a repetition: it does not move the estimate. After a gap
+        longer than ``max_extrapolation``, the twist moves the estimate only for the last ``max_extrapolation`` seconds.
+        For the rest of the gap the estimate does not move. Its deviation grows by the distance that the faster of the
+        twists before and after the gap would cover.
 
-        If several messages in a row are behind the newest one, their clock was set back, and the filter follows them.
-        If the clock was set forward, the estimate becomes as uncertain as after a gap of at most max_extrapolation.
+        If several successive messages are older than the newest odometry, the clock was set back, and the filter
+        continues with the new clock. If the clock was set forward, the estimate becomes as uncertain as after a gap of
+        at most max_extrapolation.
 
         Args:
-            odometry: the message.
-            acts_for: [s] before its stamp in which its twist acts at most, if its clock was set forward meanwhile.
+            odometry: mean twist since the previous odometry.
+            acts_for: finite if the clock was set forward: longest time [s] before its stamp in which the twist acts.
 
         Raises:
             BadMessageError: before the first fix; if the message is out of order; or if time jumped back by more than
-                the history, or ahead by more than 1000 s, which resets the filter.
+                the history or ahead by more than 1000 s, which resets the filter.
         """
         if not self.initialised:
             self._early.add(odometry, self._history_length)
@@ -218,19 +219,19 @@ class Localization:
             return self.estimate()
         self._behind.clear()
         if is_set_forward and math.isfinite(longest := acts_for + self.max_extrapolation):
-            # The clock shows that hardly more time has passed.
+            # The true time since the previous odometry is at most about ``longest``.
             self._begin_clock(max(self._stamp, odometry.stamp - round(longest / S_PER_NS)))
         start = self._cross_gap(self._stamp, odometry, min(acts_for, self.max_extrapolation))
         delay = round(self.config.odometry.odometry_delay / S_PER_NS)
-        for piece, whole in self._delayed.pieces(start, odometry, delay):
-            start = self._step(start, piece, whole)
+        for part, whole in self._delayed.parts(start, odometry, delay):
+            start = self._step(start, part, whole)
         self._history.trim(self._history_length)
         return self.estimate()
 
     def _cross_gap(self, start: int, after: OdometryStep, acts_for: float) -> int:
-        """Pass the time after ``start`` [ns] in which the motion before ``after`` is unknown, and return its end [ns].
+        """Predict from ``start`` [ns] to the end of the unknown motion before ``after``, and return this end [ns].
 
-        The twist of ``after`` describes the last ``acts_for`` seconds before its stamp.
+        The twist of ``after`` describes the motion in the last ``acts_for`` seconds before its stamp.
         """
         if (after.stamp - start) * S_PER_NS <= acts_for:
             return start
@@ -240,8 +241,8 @@ class Localization:
         return self._step(start, unknown_motion(start, end, before, after.twist), end - start, is_gap=True)
 
     def _step(self, start: int, odometry: OdometryStep, whole: int, *, is_gap: bool = False) -> int:
-        """Move from ``start`` [ns] to the stamp of ``odometry``, and return that stamp; arguments as in Step."""
-        step = Step(start, odometry, whole, is_gap, self.filter.memory.copy())
+        """Compute a new :class:`HistoryStep` with these fields, and return the stamp of its end [ns]."""
+        step = HistoryStep(start, odometry, whole, is_gap, self.filter.memory.copy())
         self._history.append(step)
         self._compute(step)
         distance = abs(odometry.twist.v) * (odometry.stamp - start) * S_PER_NS
@@ -250,13 +251,16 @@ class Localization:
         return odometry.stamp
 
     def _check_time(self, late: int, odometry: OdometryStep) -> None:
-        """Refuse an odometry that is ``late`` [ns] behind the newest; negative: ahead of it; 0: a repetition."""
+        """Handle an odometry that does not move the estimate: repeated, out of order, or after a jump of time.
+
+        ``late`` is the time [ns] from its stamp to the newest odometry; 0: repetition; negative: ahead of the newest.
+        """
         if (late > self._history_length and (self.time_restarts or self._odometry is None)) or late < -_MAX_GAP:
             by, is_first = f"by {abs(late) * S_PER_NS:.3f} s", self._odometry is None
             self.reset()
             self._early.add(odometry, self._history_length)
             if is_first:
-                # Only the fix that the filter was started from was ahead.
+                # The newest stamp is the stamp of the first fix.
                 raise BadMessageError("behind the first fix", f"{by}: synchronise the clocks that stamp both (chrony)")
             raise BadMessageError("time jumped back" if late > 0 else "time jumped ahead", f"{by}; filter reset")
         if late > 0 or self._behind:
@@ -264,16 +268,16 @@ class Localization:
                 self._behind.clear()
             self._behind.append(odometry)
             span = odometry.stamp - self._behind[0].stamp
-            # Before the first step the newest stamp is that of the fix, which the odometry has not reached yet.
-            if self._odometry is not None and len(self._behind) >= _SET_BACK and span >= _MIN_SET_BACK:
-                self._set_back(self._behind)
+            # Before the first step, the newest stamp is the stamp of the fix, which the odometry has yet to reach.
+            if self._odometry is not None and len(self._behind) >= _SET_BACK_COUNT and span >= _SET_BACK_SPAN:
+                self._follow_clock_back(self._behind)
             elif late > 0:
                 raise BadMessageError("out of order", f"{late * S_PER_NS:.3f} s behind the newest")
 
     def _begin_clock(self, stamp: int) -> None:
-        """Set the filter's time to ``stamp`` [ns] of a clock that was set.
+        """Set the time of the filter to ``stamp`` [ns] after the clock was set.
 
-        Measurements with stamps of the old clock cannot be ordered among those of the new one, so they are dropped.
+        Measurements with stamps of the old clock are dropped, since they have no order relative to the new clock.
         """
         self._history.clear()
         self._history.clear_gyro()
@@ -282,14 +286,14 @@ class Localization:
         self.contradiction = self.contradiction._replace(relocations=(), since=stamp)
         self._stamp = stamp
 
-    def _set_back(self, behind: list[OdometryStep]) -> None:
-        """Continue with the odometry messages ``behind`` the newest one as if the clock had not been set back."""
-        period = (behind[-1].stamp - behind[0].stamp) // (len(behind) - 1)
-        self._begin_clock(behind[0].stamp - period)
+    def _follow_clock_back(self, messages: list[OdometryStep]) -> None:
+        """Continue with the first odometry messages of a clock that was set back."""
+        period = (messages[-1].stamp - messages[0].stamp) // (len(messages) - 1)
+        self._begin_clock(messages[0].stamp - period)
         self._behind = []
         self.clock_set_back += 1
-        for one in behind:
-            self.on_odometry(one)
+        for odometry in messages:
+            self.on_odometry(odometry)
 
     def on_measurement(self, measurement: Measurement) -> None:
         """Fuse one measurement, see :meth:`on_measurements`.
@@ -301,11 +305,11 @@ class Localization:
             raise error
 
     def on_measurements(self, measurements: Iterable[Measurement]) -> list[BadMessageError]:
-        """Fuse the measurements of a message, each at its own stamp, and return an error for each that is dropped.
+        """Fuse the measurements of a message, each at its own stamp; return an error for each dropped measurement.
 
-        A measurement is dropped if it is a duplicate (stamp, source and numbers), if it is not finite, if its source or
-        landmark is unknown, if it is older than the history, if too many measurements wait for their odometry already,
-        or if the filter has not started and cannot start from it.
+        A measurement is dropped if it is a duplicate (same stamp, source and numbers), if it is not finite, if its
+        source or landmark is unknown, if it is older than the history, if too many measurements already wait for their
+        odometry, or if the filter has not started and the measurement cannot start it.
         """
         errors: list[BadMessageError] = []
         late: dict[Measurement, int] = {}
@@ -320,10 +324,10 @@ class Localization:
         return errors
 
     def _insert(self, measurement: Measurement) -> int | None:
-        """Fuse a measurement or store it until its odometry comes.
+        """Fuse a measurement, or store it until its odometry arrives.
 
         Returns:
-            The index of the step from which the caller has to compute the history again; None if no step changes.
+            The index of the first step that the caller has to compute again; None if no step changes.
 
         Raises:
             BadMessageError: if the measurement is dropped.
@@ -335,7 +339,7 @@ class Localization:
             raise BadMessageError("unknown source", measurement.source)
         if measurement.source == LANDMARKS and measurement.at not in self._places:
             raise BadMessageError("landmark not on the map", f"at {tuple(measurement.at)}")
-        late = None
+        index = None
         if not self.initialised:
             self._start_from(measurement)
         elif self._stamp is None or measurement.stamp > self._stamp:
@@ -343,13 +347,13 @@ class Localization:
         elif measurement.stamp == self._stamp and not self._history.steps:
             self._take(measurement, is_new=True)
         else:
-            # Also if it has the present stamp: it may belong before other measurements with that stamp.
-            late = self._history.insert(measurement, self._stamp)
+            # A measurement with the present stamp is also inserted, since the order of fusion is by source and numbers.
+            index = self._history.insert(measurement, self._stamp)
         self._history.remember(measurement)
-        return late
+        return index
 
     def _start_from(self, measurement: Measurement) -> None:
-        """Put the filter at the first fix; an unknown heading is set to 0."""
+        """Initialise the filter with the first fix; an unknown heading is set to 0."""
         if not is_fix(measurement.kind):
             raise BadMessageError("no fix yet")
         stamp, P_moved = self._early.start(measurement.stamp, self._history_length)
@@ -360,11 +364,11 @@ class Localization:
         self.initialise(Pose(x, y, theta[0] if measurement.kind == POSE_FIX else 0.0), P + P_moved, stamp)
 
     def on_gyro(self, sample: GyroSample) -> None:
-        """Fuse a turn rate in the odometry step that covers its stamp, or store it until that odometry comes.
+        """Fuse a turn rate in the odometry step that covers its stamp, or store it until its odometry arrives.
 
         Raises:
-            BadMessageError: before the first odometry; without use_gyro; if it is a duplicate or not finite, if it is
-                older than the history, or if too many samples wait for their odometry already.
+            BadMessageError: before the first odometry; without use_gyro; if the sample is a duplicate, not finite or
+                older than the history; or if too many samples already wait for their odometry.
         """
         if self._stamp is None or not self.initialised:
             raise BadMessageError("no odometry yet")
@@ -377,15 +381,15 @@ class Localization:
             self._compute_from(index)
 
     def _compute_from(self, index: int, late: Collection[Measurement] = ()) -> None:
-        """Compute the steps from ``index`` on again; only the ``late`` measurements are new."""
+        """Compute the steps from ``index`` on again; only the ``late`` measurements are counted."""
         steps = self._history.steps
         self.filter.memory[:] = steps[index].memory
-        for again in range(index, len(steps)):
-            steps[again].memory = self.filter.memory.copy()
-            self._compute(steps[again], late, is_new=False)
+        for i in range(index, len(steps)):
+            steps[i].memory = self.filter.memory.copy()
+            self._compute(steps[i], late, is_new=False)
 
-    def _compute(self, step: Step, late: Collection[Measurement] = (), *, is_new: bool = True) -> None:
-        """Compute a step; if the step is not new, only its ``late`` measurements are new."""
+    def _compute(self, step: HistoryStep, late: Collection[Measurement] = (), *, is_new: bool = True) -> None:
+        """Predict over a step and fuse its measurements; if the step is not new, only ``late`` ones are counted."""
         now, rate, slip = step.start, step.rate(), _NO_SLIP
         if rate is not NO_RATE:
             slip = self._take_rate(self._motion(step, step.duration, rate, _NO_SLIP), is_new=is_new)
@@ -399,7 +403,7 @@ class Localization:
         self._newest_motion = self._motion(step, step.duration, rate, slip)
 
     def _take_rate(self, motion: Motion, *, is_new: bool) -> TwistCovariance:
-        """Correct with the turn rate of a step; return the covariance that a contradiction adds to the twist."""
+        """Correct with the turn rate of a step; return the covariance that slip adds to the twist."""
         difference = ekf.take_rate(self.filter, self.options, motion)
         if is_new:
             wheels, gyro = motion.twist.omega, motion.rate.value
@@ -407,31 +411,32 @@ class Localization:
             if difference:
                 self.slipping += motion.dt
             elif abs(motion.twist.v) >= MIN_SPEED or max(abs(wheels), abs(gyro)) >= MIN_RATE:
-                # A robot at rest, which often follows a contradiction, does not show whether it is over.
+                # At rest both turn rates are 0, so a contradiction does not end there.
                 self.slipping = 0.0
             self.slips += difference != 0.0
         return slip_covariance(difference, self.options.separation)
 
-    def _predict(self, step: Step, dt: float, rate: TurnRate, slip: TwistCovariance) -> None:
-        """Move by ``dt`` [s] of a step; ``rate`` and ``slip`` are means over the whole step."""
+    def _predict(self, step: HistoryStep, dt: float, rate: TurnRate, slip: TwistCovariance) -> None:
+        """Predict over ``dt`` [s] of a step; ``rate`` and ``slip`` are means over the whole step."""
         share = step.duration / dt
         part = TurnRate(rate.value, rate.variance * share)
         ekf.predict(self.filter, self.options, self._motion(step, dt, part, scale_twist_covariance(slip, share)))
 
-    def _motion(self, step: Step, dt: float, rate: TurnRate, slip: TwistCovariance) -> Motion:
-        """Return the motion over ``dt`` [s] of a step, whose twist has the additional covariance ``slip``."""
+    def _motion(self, step: HistoryStep, dt: float, rate: TurnRate, slip: TwistCovariance) -> Motion:
+        """Return the motion over ``dt`` [s] of a step; ``slip`` is added to the covariance of its twist."""
         share = step.whole * S_PER_NS / dt
         covariance, lateral = step_noise(step.odometry, dt, share, self.config.odometry, is_gap=step.is_gap)
         return Motion(step.odometry.twist, dt, add_twist_covariance(covariance, slip), rate, lateral)
 
     def reading_of(self, measurement: Measurement) -> Reading:
         """Return a measurement in the form that the functions of :mod:`ekf` need."""
-        one, source = measurement, self._sources[measurement.source]
-        place = self._places[one.at] if one.source == LANDMARKS else source
-        return Reading(one.kind, source, place, one.stamp * S_PER_NS, one.z, one.R, one.at)
+        source = self._sources[measurement.source]
+        place = self._places[measurement.at] if measurement.source == LANDMARKS else source
+        time, at = measurement.stamp * S_PER_NS, measurement.at
+        return Reading(measurement.kind, source, place, time, measurement.z, measurement.R, at)
 
     def _take(self, measurement: Measurement, *, is_new: bool) -> int:
-        """Correct with a measurement, count the outcome if the measurement is new, and return the outcome."""
+        """Correct with a measurement, and return the outcome; if it is new, count it and check for a contradiction."""
         outcome, stamp = ekf.take(self.filter, self.options, self.reading_of(measurement)), measurement.stamp
         if is_new:
             self.outcomes.setdefault(measurement.source, Counter())[outcome] += 1

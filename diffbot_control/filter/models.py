@@ -1,8 +1,8 @@
 """Models of the filter: motion and expected measurements, with their derivatives.
 
-The state is x, y [m] and theta [rad] in the frame of the fixes. Optional further states are the relative errors of the
-left and right wheel radius and of the wheel separation, the bias of a gyro [rad/s], offset [m] and scale [-] of the
-ranges to landmarks, and offset [rad] of their bearings. n is 3, 6, 7 or 10, see :func:`state_size`.
+The state has n = 3, 6, 7 or 10 numbers, see :func:`state_size`: x, y [m] and theta [rad] in the frame of the fixes; the
+relative errors of the left wheel radius, the right wheel radius and the wheel separation; the gyro bias [rad/s]; the
+offset [m] and the scale error [-] of the ranges to landmarks, and the offset [rad] of their bearings.
 
 All functions work on arrays and records of floats. They run as plain Python and, compiled unchanged, in the simulation.
 """
@@ -21,62 +21,62 @@ from diffbot_core.kinematics import Twist, TwistCovariance
 Array = NDArray[np.float64]
 
 WHEELS, BIAS, SENSOR = 3, 6, 7
-"""Indices of the first error of the wheels, of the gyro's bias, and of the first error of the landmark sensor."""
+"""Indices of the first wheel error, of the gyro bias, and of the first error of the landmark sensor in the state."""
 POSE_FIX, POSITION_FIX, HEADING, LANDMARK, RANGE, BEARING = 0, 1, 2, 3, 4, 5
 """Kinds of measurements; a landmark is measured by range and bearing or by one of them."""
 UNKNOWN_HEADING = math.pi**2
-"""[rad^2] Variance of a heading of which nothing is known."""
+"""[rad^2] Variance of an unknown heading."""
 MIN_LANDMARK_DISTANCE = 1e-3
-"""[m] The bearing of a landmark that is nearer carries no information."""
+"""[m] Measurements of nearer landmarks are ignored, since their bearing is not defined."""
 
 
 class TurnRate(NamedTuple):
-    """Mean turn rate over a time, measured by a gyro."""
+    """Mean turn rate over the duration of a motion, measured by a gyro."""
 
     value: float
     """[rad/s]"""
     variance: float
-    """[rad^2/s^2] of the mean; inf: not measured"""
+    """[rad^2/s^2] variance of the mean; inf: not measured"""
 
 
 NO_RATE = TurnRate(0.0, math.inf)
 
 
 class Motion(NamedTuple):
-    """Mean twist over a time: the filter's input."""
+    """Mean twist over a duration: the input of the prediction."""
 
     twist: Twist
-    """measured by wheels that are assumed to have the configured size"""
+    """twist according to the configured wheel radii and separation"""
     dt: float
     """[s]"""
     covariance: TwistCovariance
     rate: TurnRate = NO_RATE
-    """turn rate measured by a gyro over the same time"""
+    """turn rate measured by a gyro over the same duration"""
     lateral: float = 0.0
-    """[m^2] variance of the motion across the robot"""
+    """[m^2] variance of the sideways motion"""
 
 
 class Reading(NamedTuple):
-    """One measurement as numbers."""
+    """One measurement as numbers, for the functions of :mod:`ekf`."""
 
     kind: int
     """POSE_FIX, POSITION_FIX, HEADING, LANDMARK, RANGE or BEARING"""
     source: int
-    """row of its source's noise statistics"""
+    """row of the source in the noise statistics"""
     place: int
-    """row of the previous measurement whose error may be correlated with this one's"""
+    """row of the previous measurement whose error may be correlated with this error: one per source and landmark"""
     time: float
-    """[s] time of the measurement since any fixed time"""
+    """[s] time of the measurement, relative to any fixed time"""
     z: Any
-    """(m,) array of the numbers of its kind [m], [rad]"""
+    """(m,) array of the measured numbers [m], [rad]"""
     R: Any
-    """(m, m) array, their covariance"""
+    """(m, m) array, covariance of ``z``"""
     at: Point = Point(0.0, 0.0)
     """position of the landmark [m]"""
 
 
 class GyroShare(NamedTuple):
-    """Change of the twist per rad/s by which the gyro's turn rate exceeds the wheels'."""
+    """Change of the twist per rad/s of difference between the turn rates of gyro and wheels."""
 
     v: float
     """[m]"""
@@ -85,42 +85,47 @@ class GyroShare(NamedTuple):
 
 
 class Moved(NamedTuple):
-    """A motion of the state."""
+    """Predicted state."""
 
     x: Any
-    """(n,) array, the moved mean"""
+    """(n,) array, predicted mean"""
     F: Any
-    """(n, n) array, derivative with respect to the mean before the motion"""
+    """(n, n) array, derivative of the predicted mean with respect to the mean before the motion"""
     Q: Any
-    """(n, n) array, covariance that the motion adds"""
+    """(n, n) array, process noise"""
 
 
 class Expected(NamedTuple):
     """A measurement compared with its expected value."""
 
     y: Any
-    """(m,) array, measured minus expected numbers; angles are wrapped"""
+    """(m,) array, innovation: measured minus expected numbers; angles are wrapped"""
     H: Any
     """(m, n) array, derivative of the expected numbers with respect to the state"""
     R: Any
-    """(m, m) array, covariance of the measurement and of the linearisation error"""
+    """(m, m) array, covariance of the measurement plus variance of the linearisation error"""
 
 
 class RateExpected(NamedTuple):
-    """A turn rate of a gyro compared with that of the wheels."""
+    """Turn rate of a gyro compared with the turn rate of the wheels."""
 
     y: float
-    """[rad/s] measured minus expected"""
+    """[rad/s] innovation: measured minus expected turn rate"""
     H: Any
-    """(1, n) array"""
+    """(1, n) array, derivative of the expected turn rate with respect to the state"""
     variance: float
     """[rad^2/s^2] sum of the variances of gyro and wheels"""
 
 
 def state_size(calibrating: bool, gyro: bool, landmarks: bool) -> int:
-    """Return n for a filter that estimates errors of the wheels, the bias of a gyro, errors of the landmark sensor.
+    """Return the number of states n of a filter.
 
-    Errors that are not estimated, but precede an estimated one, are states with the variance 0.
+    Args:
+        calibrating: the filter estimates the wheel errors.
+        gyro: the filter estimates the gyro bias.
+        landmarks: the filter estimates the errors of the landmark sensor.
+
+    An error that is not estimated but precedes an estimated error is a state with variance 0.
     """
     if landmarks:
         return 10
@@ -130,10 +135,10 @@ def state_size(calibrating: bool, gyro: bool, landmarks: bool) -> int:
 
 
 def with_wheel_errors(twist: Twist, x: Array, separation: float) -> Twist:
-    """Return the twist of wheels that have the errors in the state ``x`` (n,).
+    """Return the twist corrected by the wheel errors in the state ``x`` (n,); ``separation`` is L [m].
 
-    With the rim speeds v_l and v_r: v + (v_l e_l + v_r e_r) / 2 and (omega + (v_r e_r - v_l e_l) / L) / (1 + e_s);
-    ``separation`` is L [m].
+    With the rim speeds v_l and v_r, the corrected velocity is v + (v_l e_l + v_r e_r) / 2, and the corrected turn rate
+    is (omega + (v_r e_r - v_l e_l) / L) / (1 + e_s).
     """
     if len(x) <= WHEELS:
         return twist
@@ -143,43 +148,47 @@ def with_wheel_errors(twist: Twist, x: Array, separation: float) -> Twist:
 
 
 def gyro_share(covariance: TwistCovariance, rate: TurnRate) -> GyroShare:
-    """Return the gain of a turn rate on a twist of this ``covariance``; 0 if the turn rate was not measured."""
+    """Return the gain with which a measured turn rate corrects a twist; 0 if the turn rate was not measured."""
     total = covariance.var_omega + rate.variance
     return GyroShare(covariance.cov_v_omega / total, covariance.var_omega / total)
 
 
 def with_rate(twist: Twist, difference: float, share: GyroShare) -> Twist:
-    """Return a twist corrected by the ``difference`` [rad/s] between the gyro's turn rate and its own."""
+    """Return a twist corrected by the ``difference`` [rad/s] between the turn rate of the gyro and of the twist."""
     return Twist(twist.v + share.v * difference, twist.omega + share.omega * difference)
 
 
 def covariance_with_rate(covariance: TwistCovariance, share: GyroShare) -> TwistCovariance:
     """Return the covariance of a twist after :func:`with_rate`.
 
-    Its error is then independent of the difference, which may therefore be used once more as a measurement of the bias
-    of the gyro and of the errors of the wheels.
+    The error of the corrected twist is independent of the difference between gyro and wheels. The difference can
+    therefore be used a second time, as a measurement of the gyro bias and the wheel errors.
     """
     var_v, cov, var_omega = covariance
-    left = 1.0 - share.omega
-    return TwistCovariance(var_v - share.v * cov, left * cov, left * var_omega)
+    rest = 1.0 - share.omega
+    return TwistCovariance(var_v - share.v * cov, rest * cov, rest * var_omega)
 
 
 def slip_covariance(difference: float, separation: float) -> TwistCovariance:
-    """Return the covariance of a twist whose turn rate is contradicted by ``difference`` [rad/s], since a wheel slips.
+    """Return the additional covariance of a twist if a wheel slips.
 
-    Either wheel may slip, so each rim speed has the variance that explains the difference; ``separation`` is L [m].
+    Either wheel may slip, so each rim speed gets the variance that explains the difference.
+
+    Args:
+        difference: turn rate of the gyro minus turn rate of the wheels [rad/s].
+        separation: wheel separation L [m].
     """
     squared, half = difference * difference, 0.5 * separation
     return TwistCovariance(half * half * squared, 0.0, squared)
 
 
 def bias_of(x: Array) -> float:
-    """Return the bias of the gyro [rad/s]; 0 if it is not a state."""
+    """Return the gyro bias [rad/s]; 0 if it is not a state."""
     return float(x[BIAS]) if len(x) > BIAS else 0.0
 
 
 def corrected_twist(x: Array, motion: Motion, separation: float) -> Twist:
-    """Return the twist of a motion, corrected by the errors of the wheels in the state ``x`` (n,) and by the gyro."""
+    """Return the twist of a motion, corrected by the wheel errors in the state ``x`` (n,) and by the gyro."""
     wheels = with_wheel_errors(motion.twist, x, separation)
     share = gyro_share(motion.covariance, motion.rate)
     return with_rate(wheels, motion.rate.value - bias_of(x) - wheels.omega, share)
@@ -196,11 +205,11 @@ def move(pose: Pose, twist: Twist, dt: float) -> Pose:
 
 
 def transition(x: Array, motion: Motion, separation: float) -> Moved:
-    """Move the state ``x`` (n,); ``separation`` is L [m].
+    """Predict the state ``x`` (n,) after a motion; ``separation`` is L [m].
 
-    The derivative of the end of the motion with respect to velocity and turn rate is G = [[x_v, x_w], [y_v, y_w],
-    [0, dt]] with x_v = dt cos(theta_m), y_v = dt sin(theta_m), x_w = -v dt y_v / 2 and y_w = v dt x_v / 2. Q is G M G'
-    with the covariance M of the twist, plus the part across the robot.
+    The derivative of the end pose with respect to velocity and turn rate is G = [[x_v, x_w], [y_v, y_w], [0, dt]] with
+    x_v = dt cos(theta_m), y_v = dt sin(theta_m), x_w = -v dt y_v / 2 and y_w = v dt x_v / 2. Q is G M G' for the
+    covariance M of the twist, plus the variance of the sideways motion.
     """
     n, dt = len(x), motion.dt
     twist, share = corrected_twist(x, motion, separation), gyro_share(motion.covariance, motion.rate)
@@ -224,8 +233,8 @@ def transition(x: Array, motion: Motion, separation: float) -> Moved:
     Q[0, 2] = Q[2, 0] = dt * (x_v * cov + x_w * var_w)
     Q[1, 2] = Q[2, 1] = dt * (y_v * cov + y_w * var_w)
     if n > WHEELS:
-        for i, (wheels_v, wheels_w) in enumerate(_by_wheel_errors(motion.twist, x, separation)):
-            v, w = wheels_v - share.v * wheels_w, (1.0 - share.omega) * wheels_w
+        for i, (v_i, w_i) in enumerate(_wheel_error_derivatives(motion.twist, x, separation)):
+            v, w = v_i - share.v * w_i, (1.0 - share.omega) * w_i
             F[0, 3 + i], F[1, 3 + i], F[2, 3 + i] = x_v * v + x_w * w, y_v * v + y_w * w, dt * w
     if n > BIAS:
         v, w = -share.v, -share.omega
@@ -233,55 +242,54 @@ def transition(x: Array, motion: Motion, separation: float) -> Moved:
     return Moved(moved, F, Q)
 
 
-def _by_wheel_errors(measured: Twist, x: Array, separation: float) -> tuple[tuple[float, float], ...]:
-    """Return the derivatives of velocity and turn rate with respect to the three errors of the wheels."""
+def _wheel_error_derivatives(measured: Twist, x: Array, separation: float) -> tuple[tuple[float, float], ...]:
+    """Return the derivatives of velocity and turn rate with respect to each of the three wheel errors."""
     v, omega = measured
     left, right = v - 0.5 * separation * omega, v + 0.5 * separation * omega
-    stretch = 1.0 + float(x[5])
-    real = separation * stretch
+    scale = 1.0 + float(x[5])
+    true_separation = separation * scale
     turn = with_wheel_errors(measured, x, separation).omega
-    return (0.5 * left, -left / real), (0.5 * right, right / real), (0.0, -turn / stretch)
+    return (0.5 * left, -left / true_separation), (0.5 * right, right / true_separation), (0.0, -turn / scale)
 
 
 def rate_expectation(x: Array, motion: Motion, separation: float) -> RateExpected:
-    """Compare the turn rate of a gyro with that of the wheels, which measures the bias and the errors of the wheels.
+    """Compare the turn rates of gyro and wheels; their difference measures the gyro bias and the wheel errors.
 
-    The derivatives are taken at the combined twist of wheels and gyro, whose error is independent of the difference
-    between both. At the twist of the wheels alone, derivatives and difference would have a common error with a non-zero
-    mean product, so that each correction would make the radii smaller.
+    The derivatives are evaluated at the combined twist of wheels and gyro, whose error is independent of the
+    difference. At the twist of the wheels alone, the errors of derivatives and difference would be correlated, and each
+    correction would decrease the radii.
     """
     n, share = len(x), gyro_share(motion.covariance, motion.rate)
     wheels = with_wheel_errors(motion.twist, x, separation)
     difference = motion.rate.value - bias_of(x) - wheels.omega
     H = np.zeros((1, n))
-    by = _by_wheel_errors(with_rate(motion.twist, difference, share), x, separation)
-    for i, (_, w) in enumerate(by):
+    for i, (_, w) in enumerate(_wheel_error_derivatives(with_rate(motion.twist, difference, share), x, separation)):
         H[0, WHEELS + i] = w
-    # The corrected twist already contains the errors.
+    # ``wheels`` already contains the wheel errors.
     H[0, 5] = -with_rate(wheels, difference, share).omega / (1.0 + float(x[5]))
     H[0, BIAS] = 1.0
     return RateExpected(difference, H, motion.rate.variance + motion.covariance.var_omega)
 
 
 def size_of(kind: int) -> int:
-    """Return m, the number of numbers in a measurement of this kind."""
+    """Return m, the number of scalars in a measurement of this kind."""
     if kind == POSE_FIX:
         return 3
     return 2 if kind in (POSITION_FIX, LANDMARK) else 1
 
 
 def is_fix(kind: int) -> bool:
-    """True if a measurement of this kind contains the position."""
+    """True for POSE_FIX and POSITION_FIX."""
     return kind in (POSE_FIX, POSITION_FIX)
 
 
-def is_angle(kind: int, number: int) -> bool:
-    """True if this number of a measurement is an angle."""
-    return number == (2 if kind == POSE_FIX else 1 if kind == LANDMARK else 0) and kind not in (POSITION_FIX, RANGE)
+def is_angle(kind: int, index: int) -> bool:
+    """True if the scalar with this index in a measurement is an angle."""
+    return index == (2 if kind == POSE_FIX else 1 if kind == LANDMARK else 0) and kind not in (POSITION_FIX, RANGE)
 
 
 def is_defined(reading: Reading, x: Array) -> bool:
-    """True unless the robot stands at the landmark, where no bearing is defined."""
+    """True unless the estimated position is at the landmark, where the bearing is not defined."""
     if reading.kind < LANDMARK:
         return True
     dx, dy = reading.at.x - float(x[0]), reading.at.y - float(x[1])
@@ -289,7 +297,7 @@ def is_defined(reading: Reading, x: Array) -> bool:
 
 
 def expect(reading: Reading, x: Array, P: Array) -> Expected:
-    """Compare a measurement with the state ``x`` (n,) of covariance ``P`` (n, n); it must be defined there."""
+    """Compare a measurement with the state ``x`` (n,) of covariance ``P`` (n, n); see :func:`is_defined`."""
     kind, n = reading.kind, len(x)
     if kind >= LANDMARK:
         return _expect_landmark(reading, x, P)
@@ -306,9 +314,9 @@ def expect(reading: Reading, x: Array, P: Array) -> Expected:
 def _expect_landmark(reading: Reading, x: Array, P: Array) -> Expected:
     """Compare range and bearing of a landmark, or one of them, with the state.
 
-    The range is (1 + scale) d + offset. Both are linearised at the estimated position. If its uncertainty is not small
-    compared with the distance d, the second-order terms matter: t^2 / (2 d) and t l / d^2 for errors l along the line
-    of sight and t across it. P_xx + P_yy bounds the variances of both errors.
+    The expected range is (1 + scale) d + offset for a landmark at distance d. R is increased by the variance of the
+    linearisation error, which matters if the position is uncertain. For position errors l along the line of sight and t
+    across it, the second-order terms are t^2 / (2 d) and t l / d^2. P_xx + P_yy bounds the variances of l and t.
     """
     kind, m = reading.kind, size_of(reading.kind)
     dx, dy = reading.at.x - float(x[0]), reading.at.y - float(x[1])
@@ -316,11 +324,11 @@ def _expect_landmark(reading: Reading, x: Array, P: Array) -> Expected:
     distance, spread = math.sqrt(squared), float(P[0, 0]) + float(P[1, 1])
     y, H, R = np.empty(m), np.zeros((m, len(x))), reading.R.copy()
     if kind != BEARING:
-        stretch = 1.0 + float(x[SENSOR + 1])
-        y[0] = reading.z[0] - (stretch * distance + float(x[SENSOR]))
-        H[0, 0], H[0, 1] = -stretch * dx / distance, -stretch * dy / distance
+        scale = 1.0 + float(x[SENSOR + 1])
+        y[0] = reading.z[0] - (scale * distance + float(x[SENSOR]))
+        H[0, 0], H[0, 1] = -scale * dx / distance, -scale * dy / distance
         H[0, SENSOR], H[0, SENSOR + 1] = 1.0, distance
-        R[0, 0] += stretch * stretch * spread * spread / (2.0 * squared)
+        R[0, 0] += scale * scale * spread * spread / (2.0 * squared)
     if kind != RANGE:
         i = m - 1
         y[i] = wrap_angle(float(reading.z[i]) - (math.atan2(dy, dx) - float(x[2]) + float(x[SENSOR + 2])))
@@ -330,11 +338,11 @@ def _expect_landmark(reading: Reading, x: Array, P: Array) -> Expected:
 
 
 def arc_correction(dx: float, dy: float, turn: float) -> tuple[float, float]:
-    """Return a correction of x and y along an arc that turns by ``turn`` [rad]: V(turn) (dx, dy).
+    """Return the correction V(turn) (dx, dy) of x and y along an arc that turns by ``turn`` [rad].
 
-    V is the left Jacobian of SE(2). Together with the position's part of P turned by ``turn``, this is the invariant
-    extended Kalman filter (Barrau and Bonnabel 2017): with an uncertain heading, the error of the position is spread
-    along an arc, not along a straight line.
+    V is the left Jacobian of SE(2). If the heading is uncertain, the error of the position is spread along an arc, not
+    along a straight line. Together with the rotation of P by ``turn``, this is the invariant extended Kalman filter
+    (Barrau and Bonnabel 2017).
     """
     if abs(turn) < 1e-9:
         return dx, dy

@@ -1,16 +1,16 @@
-"""Noise of the measurements of one source, estimated from the measurements: one statistic for all kinds of sources.
+"""Noise statistic of one source of measurements: estimates the scale and the correlation of its errors.
 
-Assume that the errors of a source have the covariance s R, where R is the claimed one, and that each error is c times
-the error before it plus an independent part. Two means over neighbouring measurements then show s and c:
+Model: the errors of a source have the covariance s R, where R is the claimed covariance. Each error is c times the
+previous error plus an independent part. Two means over pairs of neighbouring measurements determine s and c:
 
-- Half the squared difference of two neighbours, after the motion between them is subtracted, has the mean s (1 - c) R
-  plus the variance of the odometry's motion. A drift of the estimate cancels in the difference.
-- The product of two neighbouring innovations has the mean s c R, minus the part of the errors that the filter follows.
-  For independent errors this mean is 0.
+- The difference of two neighbours, corrected by the motion between them. Half its square has the mean s (1 - c) R plus
+  the variance of the odometry. A drift of the estimate cancels in the difference.
+- The product of two neighbouring innovations. Its mean is s c R, minus the part of the errors that the filter follows.
+  If the errors are independent, the mean is 0.
 
-The row of a source also holds its mean NIS and the autocorrelation of its innovations, which show an overconfident
-filter. Each row has two channels: one for positions and ranges, one for headings and bearings. All functions work on
-such rows, as plain Python or compiled.
+The statistic of a source is one row of an array. A row has two channels: one for positions and ranges, one for headings
+and bearings. It also contains the mean NIS and the autocorrelation of the innovations, which show an overconfident
+filter. All functions run as plain Python and, compiled unchanged, in the simulation.
 """
 
 from __future__ import annotations
@@ -21,36 +21,38 @@ from typing import Any
 from diffbot_control.filter.models import Array
 
 DIFFERENCE, MOTION, PRODUCT, SQUARE, PAIRS, NUMBERS, SCALE = 0, 1, 2, 3, 4, 5, 6
-"""Columns of a channel: slow means of half the squared difference of neighbours, of the motion's part in it, of the
-product of neighbouring innovations, and of their square, all in units of R; number of pairs; number of numbers; the
-factor on R."""
+"""Columns of a channel. The first four are slow means in units of R: half the squared difference of neighbours, the
+contribution of the motion to this difference, the product of neighbouring innovations, and the squared innovation. Then
+follow the number of pairs, the number of scalars in them, and the factor on R."""
 CHANNEL = 7
-"""Number of these columns."""
+"""Number of columns of a channel."""
 PERIOD, TIME = 14, 15
-"""[s] mean time between neighbours, and correlation time of the errors; 0: they are independent."""
+"""[s] Mean time between neighbours, and correlation time of the errors; 0: the errors are independent."""
 NIS, NIS_NUMBERS, WHITENESS, WHITENESS_NUMBERS = 16, 17, 18, 19
-"""Mean NIS per number, mean product of neighbouring normalised innovations, and the number of numbers in each mean."""
+"""Mean NIS per scalar, mean product of neighbouring normalised innovations, and the number of scalars in each mean."""
 DRIFT = 20
-"""First of three columns: slow mean of the normalised innovations of x, y, theta."""
+"""First of three columns: slow means of the normalised innovations of x, y and theta."""
 COLUMNS = 23
 
 _MEMORY = 200.0
-"""Number of pairs that the slow means remember."""
+"""Length of the slow means, in pairs."""
 _NIS_MEMORY, _WHITENESS_MEMORY = 150.0, 300.0
-"""Number of numbers that the means of NIS and of the autocorrelation remember."""
+"""Lengths of the means of the NIS and of the autocorrelation, in scalars."""
 _MAX_DIFFERENCE = 30.0
-"""Half a squared difference in units of R; beyond it, one of the pair is an outlier that passed the gate."""
+"""Largest half squared difference in units of R. If it is larger, one of the two is an outlier that passed the gate."""
 _MIN_DIFFERENCE = 1e-9
-"""Half a squared difference in units of R; below it, the source repeats its value, which says nothing of its noise."""
+"""Smallest half squared difference in units of R. If it is smaller, the source repeats its value, and the pair contains
+no information about the noise."""
 _MAX_MOTION = 1.0
-"""Variance of the motion between two measurements in units of R; beyond it, their difference says nothing."""
+"""Largest variance of the motion between two measurements, in units of R. If it is larger, the motion dominates the
+difference."""
 _SIGNIFICANT, _SIGNIFICANT_SCALE = 2.0, 3.0
-"""[standard deviations] A larger mean product shows correlation; a larger difference from 1 shows a scale."""
+"""Bounds of significance in standard deviations: of the mean product from 0, and of the scale from 1."""
 _MIN_PAIRS = 10.0
-"""Number of pairs from which a scale is used."""
+"""Smallest number of pairs from which a scale is estimated."""
 _MAX_CORRELATION = 0.99
 _MIN_DT = 1e-3
-"""[s] smallest time between two measurements of one source; a smaller one counts as this time"""
+"""[s] Lower limit of the time between two measurements in the correlation; avoids a division by 0."""
 _MAX_SCALE = 1e3
 
 
@@ -61,56 +63,56 @@ def clear(row: Array) -> None:
         row[channel * CHANNEL + SCALE] = row[channel * CHANNEL + DIFFERENCE] = 1.0
 
 
-def forget_innovations(row: Array) -> None:
-    """Clear the means of NIS and autocorrelation, after the estimate was replaced."""
+def clear_innovations(row: Array) -> None:
+    """Clear the means of NIS, autocorrelation and drift after the estimate was replaced."""
     row[NIS : DRIFT + 3] = 0.0
 
 
 def scale_of(row: Array, angle: bool) -> float:
-    """Return the factor on the variance of a number that a source claims."""
+    """Return the estimated factor on the claimed variance of an angle, or of a position or range."""
     return float(row[CHANNEL + SCALE if angle else SCALE])
 
 
 def inflation_after(dt: float, time: float) -> float:
-    """Return (1 + c) / (1 - c) with c = exp(-dt / time) for measurements ``dt`` [s] apart; ``time`` >= 0 [s].
+    """Return (1 + c) / (1 - c), where c = exp(-dt / time) is the correlation of errors ``dt`` [s] apart.
 
     Over many measurements, correlated errors of covariance R carry as much information as independent errors of
-    covariance R (1 + c) / (1 - c).
+    covariance R (1 + c) / (1 - c). A correlation time of 0 means independent errors.
     """
     return 1.0 / math.tanh(0.5 * max(dt, _MIN_DT) / time) if time > 0.0 else 1.0
 
 
 def inflation(row: Array, dt: float, time: float, landmark: bool) -> float:
-    """Return the factor by which R is inflated for errors that are correlated in time.
+    """Return the factor by which R is inflated for time-correlated errors.
 
     Args:
-        row: of the source.
+        row: row of the source.
         dt: time since the previous measurement [s].
-        time: known correlation time of the errors [s]; 0: use the one that was found.
-        landmark: the measurement is of a landmark. The filter does not follow the errors of single landmarks. If their
-            innovations are smaller than R claims, R already covers a part of the correlation.
+        time: known correlation time of the errors [s]; 0: use the estimated correlation time.
+        landmark: True for measurements of landmarks. The filter does not follow the errors of single landmarks. If
+            their innovations are smaller than R claims, R already covers a part of the correlation.
     """
     if time > 0.0:
         return inflation_after(dt, time)
-    shown = min(_pooled(row, SQUARE), 1.0) if landmark else 1.0
-    return max(shown * inflation_after(dt, float(row[TIME])), 1.0)
+    square = min(_pooled(row, SQUARE), 1.0) if landmark else 1.0
+    return max(square * inflation_after(dt, float(row[TIME])), 1.0)
 
 
-def correlation_after(row: Array, time: float) -> float:
-    """Return the correlation of neighbouring errors that the filter assumes; ``time`` as for :func:`inflation`."""
-    lasting = time if time > 0.0 else float(row[TIME])
-    return math.exp(-max(float(row[PERIOD]), _MIN_DT) / lasting) if lasting > 0.0 else 0.0
+def assumed_correlation(row: Array, time: float) -> float:
+    """Return the correlation of neighbouring errors that the filter assumes; ``time`` is as in :func:`inflation`."""
+    time = time if time > 0.0 else float(row[TIME])
+    return math.exp(-max(float(row[PERIOD]), _MIN_DT) / time) if time > 0.0 else 0.0
 
 
-def observe(row: Array, nis: float, product: float, m: int, paired: bool) -> None:
-    """Add an innovation that was accepted to the means of NIS and autocorrelation.
+def add_innovation(row: Array, nis: float, product: float, m: int, paired: bool) -> None:
+    """Add an accepted innovation to the means of NIS and autocorrelation.
 
     Args:
-        row: of the source.
-        nis: of the measurement.
-        product: sum over its numbers of the normalised innovation times the previous normalised innovation.
-        m: number of numbers.
-        paired: there is a previous measurement.
+        row: row of the source.
+        nis: NIS of the measurement.
+        product: scalar product of the normalised innovation and the previous normalised innovation.
+        m: number of scalars in the measurement.
+        paired: True if there is a previous measurement.
     """
     row[NIS_NUMBERS] = min(float(row[NIS_NUMBERS]) + m, _NIS_MEMORY)
     row[NIS] += m / row[NIS_NUMBERS] * (nis / m - row[NIS])
@@ -119,75 +121,80 @@ def observe(row: Array, nis: float, product: float, m: int, paired: bool) -> Non
         row[WHITENESS] += m / row[WHITENESS_NUMBERS] * (product / m - row[WHITENESS])
 
 
-def learn(row: Array, pairs: Array, dt: float) -> None:
-    """Add a pair of neighbouring measurements ``dt`` [s] apart.
+def add_pair(row: Array, sums: Array, dt: float) -> None:
+    """Add a pair of neighbouring measurements to the slow means, unless it contains no information about the noise.
 
     Args:
-        row: of the source.
-        pairs: (2, 5) array with a row for each channel: sums of DIFFERENCE, MOTION, PRODUCT, SQUARE; number of numbers.
-        dt: time between both [s].
+        row: row of the source.
+        sums: (2, 5) array with one row per channel. Its columns are the sums of DIFFERENCE, MOTION, PRODUCT and SQUARE
+            over the scalars of the channel, and the number of these scalars.
+        dt: time between both measurements [s].
     """
-    total, numbers, motion = 0.0, 0.0, 0.0
+    difference, numbers, motion = 0.0, 0.0, 0.0
     for channel in range(2):
-        numbers += float(pairs[channel, 4])
-        total += float(pairs[channel, DIFFERENCE]) / float(row[channel * CHANNEL + SCALE])
-        motion += float(pairs[channel, MOTION])
+        numbers += float(sums[channel, 4])
+        difference += float(sums[channel, DIFFERENCE]) / float(row[channel * CHANNEL + SCALE])
+        motion += float(sums[channel, MOTION])
     if dt <= 0.0 or numbers == 0.0 or motion >= _MAX_MOTION * numbers:
         return
-    if not _MIN_DIFFERENCE * numbers < total < _MAX_DIFFERENCE * numbers:
+    if not _MIN_DIFFERENCE * numbers < difference < _MAX_DIFFERENCE * numbers:
         return
-    most = 0.0
+    max_count = 0.0
     for channel in range(2):
-        at, size = channel * CHANNEL, float(pairs[channel, 4])
+        first, size = channel * CHANNEL, float(sums[channel, 4])
         if size > 0.0:
-            count = min(float(row[at + PAIRS]) + 1.0, _MEMORY)
-            row[at + PAIRS], row[at + NUMBERS] = count, count * size
-            row[at : at + 4] += (pairs[channel, :4] / size - row[at : at + 4]) / count
-            most = max(most, count)
-    row[PERIOD] += (dt - row[PERIOD]) / most
+            count = min(float(row[first + PAIRS]) + 1.0, _MEMORY)
+            row[first + PAIRS], row[first + NUMBERS] = count, count * size
+            row[first : first + 4] += (sums[channel, :4] / size - row[first : first + 4]) / count
+            max_count = max(max_count, count)
+    row[PERIOD] += (dt - row[PERIOD]) / max_count
 
 
 def _pooled(row: Array, column: int) -> float:
-    """Return the mean of a column over the numbers of both channels."""
+    """Return the mean of a column over the scalars of both channels."""
     first, second = float(row[NUMBERS]), float(row[CHANNEL + NUMBERS])
     if first + second == 0.0:
         return 1.0
     return (float(row[column]) * first + float(row[CHANNEL + column]) * second) / (first + second)
 
 
-def find(row: Array) -> None:
-    """Set the scale of R and the correlation time from the means.
+def update_scale_and_time(row: Array) -> None:
+    """Set the scale of R and the correlation time from the slow means.
 
-    If a correlation is found, the scale is 1. Otherwise the scale is the mean difference, if that is significantly
-    above 1. A scale below 1 is never used: an error that stays constant, such as a wrong position on the map, does not
-    show in the differences, so a scale below 1 would make the filter overconfident.
+    If the correlation is significant, the scale is 1. Otherwise the scale is the mean difference if this mean is
+    significantly above 1. The scale is never below 1: a constant error, such as a wrong position on the map, cancels in
+    the differences, so a scale below 1 would make the filter overconfident.
     """
     c = _correlation(row)
     row[TIME] = -row[PERIOD] / math.log(c) if c > 0.0 else 0.0
     for channel in range(2):
-        at, scale = channel * CHANNEL, 1.0
-        pairs, numbers = float(row[at + PAIRS]), float(row[at + NUMBERS])
+        first, scale = channel * CHANNEL, 1.0
+        pairs, numbers = float(row[first + PAIRS]), float(row[first + NUMBERS])
         if c == 0.0 and pairs >= _MIN_PAIRS:
-            white = _white(float(row[at + DIFFERENCE]), float(row[at + MOTION]))
-            # Half a squared difference of white noise has the variance of two; neighbouring pairs share a measurement.
+            white = _white_part(float(row[first + DIFFERENCE]), float(row[first + MOTION]))
+            # Half a squared difference of white noise has a variance of 2. The correlation of neighbouring pairs, which
+            # have one measurement in common, increases the variance of the mean by half.
             if white - 1.0 > _SIGNIFICANT_SCALE * math.sqrt(3.0 / numbers) * white:
                 scale = min(white, _MAX_SCALE)
-        row[at + SCALE] = scale
+        row[first + SCALE] = scale
 
 
-def _white(difference: float, motion: float) -> float:
-    """Subtract the motion's part, at most half, from a mean difference: odometry is often better than it claims."""
+def _white_part(difference: float, motion: float) -> float:
+    """Return a mean difference minus the variance of the motion.
+
+    At most half the difference is subtracted, since odometry is often more accurate than its covariance claims.
+    """
     return max(difference - min(motion, 0.5 * difference), 1e-3)
 
 
 def _correlation(row: Array) -> float:
-    """Return the correlation of neighbouring errors."""
+    """Return the correlation of neighbouring errors; 0 if it is not significant."""
     difference, product = _pooled(row, DIFFERENCE), _pooled(row, PRODUCT)
-    white = _white(difference, _pooled(row, MOTION))
+    white = _white_part(difference, _pooled(row, MOTION))
     numbers = row[NUMBERS] + row[CHANNEL + NUMBERS]
     if white >= 1.0 or product <= 0.0:
         return 0.0
-    # White innovations have a product of mean 0; its deviation is their variance over the root of the number.
+    # If the innovations are white, the mean product has the mean 0 and the deviation variance / sqrt(numbers).
     variance = difference + product
     if product * product * numbers <= (_SIGNIFICANT * variance) ** 2:
         return 0.0
@@ -195,26 +202,27 @@ def _correlation(row: Array) -> float:
 
 
 _R_RULES = (-1.0, 0.7, -0.2), (0.0, 0.7, 0.0), (1.0, 0.7, 0.2)
-"""Center, width and consequent of each rule. Input: logarithm of the shown over the present scale. Output: change of
-the logarithm of the scale."""
+"""Center, width and consequent of each rule. Input: log of the ratio of the measured to the present scale. Output:
+change of log scale."""
 _Q_RULES = (0.0, 0.35, 0.0), (1.0, 0.35, 1.5), (2.0, 0.5, 4.0)
-"""Input: drift beyond that of white innovations. Output: logarithm of the factor on Q."""
+"""Center, width and consequent of each rule. Input: excess of the drift over white innovations. Output: log of the
+factor on Q."""
 _DRIFT_SHARE = 0.1
 """Weight of the newest innovation in the drift."""
 
 
-def find_fuzzy(row: Array) -> None:
-    """Set the scale of R by three rules, as a fuzzy-neural filter does.
+def update_scale_by_rules(row: Array) -> None:
+    """Set the scale of R by three fuzzy rules.
 
     This is a reconstruction. The paper (reference 11) names a fuzzy system that adjusts the covariances, but gives no
-    equations. Here it is a zero-order Sugeno system with Gaussian memberships on the statistic of :func:`learn`.
+    equations. Here it is a zero-order Sugeno system with Gaussian memberships on the means of :func:`add_pair`.
     """
     for channel in range(2):
         part = row[channel * CHANNEL : (channel + 1) * CHANNEL]
         if part[PAIRS] > 0.0:
-            shown = math.log(_white(float(part[DIFFERENCE]), float(part[MOTION])) / float(part[SCALE]))
-            changed = float(part[SCALE]) * math.exp(_infer(_R_RULES, shown))
-            part[SCALE] = min(max(changed, 1.0 / _MAX_SCALE), _MAX_SCALE)
+            log_ratio = math.log(_white_part(float(part[DIFFERENCE]), float(part[MOTION])) / float(part[SCALE]))
+            scale = float(part[SCALE]) * math.exp(_infer(_R_RULES, log_ratio))
+            part[SCALE] = min(max(scale, 1.0 / _MAX_SCALE), _MAX_SCALE)
 
 
 def add_drift(row: Array, u: Array, m: int) -> None:
@@ -224,20 +232,20 @@ def add_drift(row: Array, u: Array, m: int) -> None:
 
 
 def q_scale(row: Array) -> float:
-    """Return the factor on Q; a slow mean of the innovations that differs from 0 shows a drift."""
+    """Return the factor on Q. It is above 1 if the mean of the innovations shows a drift of the estimate."""
     drift = math.sqrt(row[DRIFT] ** 2 + row[DRIFT + 1] ** 2 + row[DRIFT + 2] ** 2)
-    # Standard deviation of the mean if the innovations are white.
-    usual = math.sqrt(3.0 * _DRIFT_SHARE / (2.0 - _DRIFT_SHARE))
-    return math.exp(_infer(_Q_RULES, max(drift - usual, 0.0)))
+    # Root mean square of the drift if the innovations are white.
+    white_drift = math.sqrt(3.0 * _DRIFT_SHARE / (2.0 - _DRIFT_SHARE))
+    return math.exp(_infer(_Q_RULES, max(drift - white_drift, 0.0)))
 
 
 def _infer(rules: Any, value: float) -> float:
-    """Return the mean of the consequents, weighted by membership; beyond an outer center the mean is constant."""
-    inside = min(max(value, rules[0][0]), rules[2][0])
-    total, given = 0.0, 0.0
+    """Return the mean of the consequents weighted by membership. ``value`` is clipped to the outer centers."""
+    clipped = min(max(value, rules[0][0]), rules[2][0])
+    total, weighted = 0.0, 0.0
     for center, width, consequent in rules:
-        away = (inside - center) / width
-        weight = math.exp(-0.5 * away * away)
+        distance = (clipped - center) / width
+        weight = math.exp(-0.5 * distance * distance)
         total += weight
-        given += weight * consequent
-    return given / total
+        weighted += weight * consequent
+    return weighted / total

@@ -1,8 +1,8 @@
-"""The motion that odometry measures: its noise, its dead time, its gaps, and the motion before the first fix.
+"""Odometry: noise, dead time and gaps, and the motion before the first fix.
 
-Errors of real odometry (slip, a wrong scale, a command in place of a measurement) last longer than one message. With
-an independent error in each message, the path of one second has a tenth of the variance at 100 Hz that it has at 10 Hz.
-With a density, the variance is the same at any rate. If the twist is a command, it acts later than its stamp says.
+The noise of a motion is modelled in one of two ways. With the covariance of each message and independent errors, the
+variance of a path is inversely proportional to the rate of the messages. But the errors of real odometry, such as slip
+or a wrong scale, last longer than one message. With noise densities, the variance of a path is independent of the rate.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from diffbot_core.stamps import NS_PER_S, S_PER_NS
 
 MESSAGE, MOTION = "message", "motion"
 _MAX_DENSITY = 100.0
-"""[m^2/s], [rad^2/s], or per metre or radian. With this density the pose is unknown after a second."""
+"""[m^2/s], [rad^2/s], or per metre or radian; with this density the pose is unknown after one second"""
 
 
 class OdometryStep(NamedTuple):
@@ -30,15 +30,15 @@ class OdometryStep(NamedTuple):
     """[ns] end of the interval"""
     twist: Twist
     covariance: TwistCovariance
-    """all zero: unknown"""
+    """covariance of the mean twist; all zero: unknown"""
 
 
 @known_fields
 class OdometryConfig(NamedTuple):
     """Noise and dead time of the odometry.
 
-    alpha1 to alpha3 have the letters of AMCL, but are variances per radian or metre of one motion: AMCL multiplies by
-    the *square* of the distance between two updates, and so depends on the rate.
+    alpha1 to alpha3 are named as in AMCL, but are variances per radian or metre. AMCL multiplies by the *square* of the
+    distance between two updates, so its noise depends on the rate of the updates.
     """
 
     odometry_noise: Annotated[
@@ -72,7 +72,7 @@ class OdometryConfig(NamedTuple):
     odometry_delay: Annotated[
         float,
         Spec(
-            "dead time: the twist of an odometry message acts this much later than stamped",
+            "dead time from the stamp of an odometry message until its twist acts",
             "s",
             minimum=0.0,
             maximum=2.0,
@@ -81,7 +81,7 @@ class OdometryConfig(NamedTuple):
 
 
 class Densities(NamedTuple):
-    """Arguments of :func:`motion_noise`, with the meaning that they have in :class:`OdometryConfig`."""
+    """Noise densities, see :class:`OdometryConfig`."""
 
     alpha1: float
     alpha2: float
@@ -96,12 +96,12 @@ def densities_of(config: OdometryConfig) -> Densities:
 
 
 def motion_noise(twist: Twist, dt: float, densities: Densities) -> tuple[TwistCovariance, float]:
-    """Return the covariance of a mean twist over ``dt`` [s], and the variance of the motion across the robot [m^2].
+    """Return the covariance of a mean twist over ``dt`` [s], and the variance of the sideways motion [m^2].
 
     The mean of white noise of density S over dt has the variance S / dt. The densities are linear in |v| and |omega|.
-    While the robot drives with v, the growing error of the heading moves it across by a variance of v^2 S_theta dt^3 /
-    3. The model of a constant twist contains v^2 S_theta dt^3 / 4 of this variance. The rest is added here, so that the
-    noise of a motion is the same in one step or in many.
+    At velocity v, the growing heading error causes a sideways variance of v^2 S_theta dt^3 / 3. The model with a
+    constant twist contains v^2 S_theta dt^3 / 4 of this variance. The difference is added here, so that the noise of a
+    motion does not depend on the number of its steps.
     """
     speed, turn = abs(twist.v), abs(twist.omega)
     along = densities.alpha3 * speed + densities.density_xy
@@ -113,15 +113,15 @@ def motion_noise(twist: Twist, dt: float, densities: Densities) -> tuple[TwistCo
 def step_noise(
     odometry: OdometryStep, dt: float, share: float, config: OdometryConfig, *, is_gap: bool
 ) -> tuple[TwistCovariance, float]:
-    """Return the same as :func:`motion_noise` over ``dt`` [s], a part of an odometry message or of a gap.
+    """Return covariance and sideways variance, as :func:`motion_noise`, for a part of an odometry message or of a gap.
 
     Args:
-        odometry: the message, or the :func:`unknown_motion` in a gap.
+        odometry: odometry message, or :func:`unknown_motion` in a gap.
         dt: duration of the part [s].
-        share: duration of the whole over that of the part. The error of a mean twist is constant over the whole, so the
-            variances of the parts must add up to that of the whole.
-        config: how the noise is modelled.
-        is_gap: the variance is as large across the robot as along it.
+        share: duration of the whole message or gap over the duration of the part. It multiplies the covariance, so that
+            the variances of the motions in all parts add up to the variance of the whole motion.
+        config: noise of the odometry.
+        is_gap: True in a gap, where the sideways variance is as large as the forward variance.
     """
     if is_gap:
         covariance = scale_twist_covariance(odometry.covariance, share)
@@ -132,89 +132,85 @@ def step_noise(
 
 
 def unknown_motion(start: int, end: int, before: Twist, after: Twist) -> OdometryStep:
-    """Return the motion in a gap from ``start`` to ``end`` [ns]: none, as uncertain as the faster of two twists."""
+    """Return a motion of 0 for a gap from ``start`` to ``end`` [ns], with the faster of two twists as its deviation."""
     v = max(abs(before.v), abs(after.v))
     # With a deviation of pi the heading is unknown.
     omega = min(max(abs(before.omega), abs(after.omega)), math.pi / ((end - start) * S_PER_NS))
     return OdometryStep(end, Twist(0.0, 0.0), TwistCovariance(v * v, 0.0, omega * omega))
 
 
-class Piece(NamedTuple):
-    """A part of an interval in which one twist acts."""
-
-    odometry: OdometryStep
-    """the twist, stamped with the end of the part"""
-    whole: int
-    """[ns] duration of the message that the twist comes from"""
-
-
 class DelayLine:
     """Delays the twists of the newest odometry messages.
 
-    A message stamped t that follows one stamped s is the mean twist over (s, t]. Delayed by d, it acts over (s + d,
-    t + d]. The first twist also acts before that time.
+    A message stamped t after a message stamped s is the mean twist over (s, t]. With a delay d, its twist acts over
+    (s + d, t + d]. The first twist also acts before s + d.
     """
 
     def __init__(self) -> None:
         """Start empty."""
         self._messages: list[tuple[int, OdometryStep]] = []
+        """start [ns] of each message, and the message"""
 
     def clear(self) -> None:
         """Drop all messages."""
         self._messages.clear()
 
-    def pieces(self, start: int, odometry: OdometryStep, delay: int) -> list[Piece]:
-        """Add a message, and return the twists that move the robot from ``start`` to the stamp of the message.
+    def parts(self, start: int, odometry: OdometryStep, delay: int) -> list[tuple[OdometryStep, int]]:
+        """Add a message, and return the twists that act from ``start`` to the stamp of the message.
 
         Args:
-            start: [ns] stamp of the previous message.
-            odometry: the new message.
-            delay: [ns] >= 0.
+            start: stamp of the previous message [ns].
+            odometry: new message.
+            delay: delay [ns] >= 0.
+
+        Returns:
+            For each part of the interval: its twist, stamped with the end of the part, and the duration [ns] of the
+            message with this twist.
         """
         if delay == 0:
-            return [Piece(odometry, odometry.stamp - start)]
+            return [(odometry, odometry.stamp - start)]
         self._messages.append((start, odometry))
-        found: list[Piece] = []
-        for began, message in self._messages:
+        parts = []
+        for message_start, message in self._messages:
             end = min(message.stamp + delay, odometry.stamp)
             if end > start:
-                found.append(Piece(message._replace(stamp=end), message.stamp - began))
+                parts.append((message._replace(stamp=end), message.stamp - message_start))
                 start = end
-        # Drop the messages that have acted to their end, but keep the newest one.
+        # Drop the messages that no longer act, but keep the newest one.
         self._messages = [one for one in self._messages if one[1].stamp + delay > odometry.stamp] or self._messages[-1:]
-        return found
+        return parts
 
 
 class EarlyOdometry:
-    """The odometry before the first fix: which fixes may start the filter, and how uncertain an old fix has become."""
+    """Odometry before the first fix, from which the uncertainty of an old first fix is computed."""
 
     def __init__(self) -> None:
         """Start without a message."""
         self.newest: int | None = None
         """[ns] stamp of the newest message"""
-        self._moved = self._turned = 0.0
-        """[m], [rad] length of the path since the first message, in any direction"""
+        self._distance = self._turn = 0.0
+        """[m], [rad] total distance and total turn since the first message, in any direction"""
 
     def add(self, odometry: OdometryStep, history: int) -> None:
-        """Add a message; a stamp that is behind by more than ``history`` [ns] begins another run."""
-        passed = 0 if self.newest is None else odometry.stamp - self.newest
-        if passed < -history:
-            self._moved = self._turned = 0.0
-        elif passed < 0:
+        """Add a message. If it is older than the newest message by more than ``history`` [ns], start over with it."""
+        elapsed = 0 if self.newest is None else odometry.stamp - self.newest
+        if elapsed < -history:
+            self._distance = self._turn = 0.0
+        elif elapsed < 0:
             return
         else:
-            self._moved += abs(odometry.twist.v) * passed * S_PER_NS
-            self._turned += abs(odometry.twist.omega) * passed * S_PER_NS
+            self._distance += abs(odometry.twist.v) * elapsed * S_PER_NS
+            self._turn += abs(odometry.twist.omega) * elapsed * S_PER_NS
         self.newest = odometry.stamp
 
     def start(self, stamp: int, history: int) -> tuple[int, Array]:
-        """Return the time [ns] at which a fix stamped ``stamp`` [ns] starts the filter, and the addition (3, 3) to P.
+        """Return the time [ns] at which a fix starts the filter, and the covariance (3, 3) to add to the fix.
 
-        A fix that is not older than the history [ns] starts the filter at the stamp of the fix. An older one starts it
-        at the newest odometry, as uncertain as after an unknown motion of the length of the whole path.
+        A fix that is at most ``history`` [ns] older than the newest odometry starts the filter at its own stamp. An
+        older fix starts it at the newest odometry; the total distance and turn are added as deviations.
 
         Raises:
-            BadMessageError: if the fix is ahead of the odometry by more than the history, but at least a second.
+            BadMessageError: if the fix is ahead of the odometry by more than the history and more than 1 s.
         """
         late = 0 if self.newest is None else self.newest - stamp
         if -late > max(history, NS_PER_S):
@@ -222,4 +218,4 @@ class EarlyOdometry:
             raise BadMessageError("ahead of the odometry", text)
         if late <= history:
             return stamp, np.zeros((3, 3))
-        return stamp + late, np.diag(np.square((self._moved, self._moved, self._turned)))
+        return stamp + late, np.diag(np.square((self._distance, self._distance, self._turn)))

@@ -1,7 +1,7 @@
 """Options and memory of the filter.
 
-The whole memory is one flat array, of which a :class:`Filter` has views. A copy of the array is a snapshot that can be
-restored.
+The memory is one flat array. The fields of a :class:`Filter` are views of this array, so a copy of the array is a
+snapshot that can be restored.
 """
 
 from __future__ import annotations
@@ -16,99 +16,91 @@ from diffbot_control.filter.models import WHEELS, Array
 from diffbot_core.geometry import Pose, wrap_angle
 
 REJECTIONS, ELAPSED, AGREEING, SLACK, HAS_CANDIDATE, DISAGREEMENT = 0, 1, 2, 3, 4, 5
-"""Indices of the gate: fixes rejected in a row, time since the first of them [s], number of fixes that agree with the
-candidate, logarithm of the factor on the bound, 1 if there is a candidate, slow mean of the gyro's normalised
-innovations."""
+"""Indices of the gate: length of the rejection streak of fixes; time since the first rejected fix [s]; number of fixes
+that agree with the candidate; log of the factor on the bound of the gate; 1 if there is a candidate; slow mean of the
+normalised innovations of the gyro."""
 VALID, TIME, INNOVATION, NORMALISED, POSE, VAR_THETA = 0, 1, 2, 5, 8, 11
 ALONG, TURN, NIS, OUTCOME, SHIFT = 12, 13, 14, 15, 16
-"""Columns of the newest measurement, with which the next one is compared: 1 if there is one; time [s]; innovation (3,);
-normalised innovation (3,); pose before its correction (3,); variance of the heading; variances along and of the heading
-that the motion has added so far; NIS and outcome, also of a measurement that was not accepted; sum of the corrections
-so far (n,)."""
+"""Columns of the newest accepted measurement of a source or landmark, with which the next measurement is compared: 1 if
+there is one; time [s]; innovation (3,); normalised innovation (3,); pose before the correction (3,); variance of the
+heading; both sums of :attr:`Filter.travelled`; NIS and outcome, also of a measurement that was not accepted; the sum
+:attr:`Filter.shift` (n,)."""
 
 
 class Options(NamedTuple):
-    """The numbers of the configuration that the filter needs."""
+    """Options of the filter, computed from the configuration by :func:`config.options_of`."""
 
     size: int
     """n, number of states"""
     separation: float
     """L [m]"""
     gates: tuple[float, float, float]
-    """bounds of the NIS of measurements of one, two and three numbers; inf without a gate"""
+    """bounds of the NIS of measurements of one, two and three scalars; inf without a gate"""
     relocation_fixes: int
     errors: tuple[float, float, float, float, float, float, float]
-    """initial errors of wheels, gyro and landmark sensor, in the order of the states"""
+    """initial values of the errors of wheels, gyro and landmark sensor, in the order of the states"""
     variances: tuple[float, float, float, float, float, float, float]
     """initial variances of these errors; 0 for an error that is not estimated"""
     wheel_walk: float
-    """[1/s] random-walk variance per second of each uncertain error of the wheels"""
+    """[1/s] random-walk variance per second of each estimated wheel error"""
     bias_walk: float
-    """[rad^2/s^3] random-walk variance per second of the gyro's bias"""
+    """[rad^2/s^3] random-walk variance per second of the gyro bias"""
     max_radius_error: float
-    """the errors of the wheels are reset if one of them exceeds its bound"""
+    """if a radius error exceeds this bound, all wheel errors are reset; 0: wheel errors are not estimated"""
     max_separation_error: float
+    """if the separation error exceeds this bound, all wheel errors are reset"""
     wheels_as_configured: float
-    """probability that the errors of the wheels are exactly the initial ones"""
+    """probability that the wheel errors are exactly the initial errors"""
     fuzzy: bool
-    """R and Q by fuzzy rules"""
+    """True: fuzzy rules scale R and Q"""
     finds_noise: bool
-    """find scale and correlation of the errors of each source"""
+    """True: estimate scale and correlation time of the errors of each source"""
     times: tuple[float, ...]
-    """[s] known correlation time of the errors of each source; 0: to be found"""
+    """[s] known correlation time of the errors of each source; 0: unknown"""
 
 
 class Filter(NamedTuple):
-    """The filter's memory, all of it views of one array."""
+    """The memory of a filter."""
 
     memory: Any
-    """the flat array; copy it for a snapshot, assign to its elements to restore one"""
+    """flat array; copy it to take a snapshot, assign to its elements to restore one"""
     x: Any
     """(n,) mean"""
     P: Any
     """(n, n) covariance"""
     candidate: Any
-    """(n,) mean of the hypothesis of rejected fixes"""
+    """(n,) mean of the candidate, the hypothesis that the rejected fixes are right"""
     candidate_P: Any
-    """(n, n)"""
+    """(n, n) covariance of the candidate"""
     gate: Any
-    """(6,)"""
+    """(6,) state of the gate"""
     travelled: Any
-    """(2,) variances along [m^2] and of the heading [rad^2] that the motion has added so far"""
+    """(2,) sums of the variances of distance [m^2] and heading [rad^2] that the motion has added"""
     shift: Any
-    """(n,) sum of the corrections so far"""
+    """(n,) sum of all corrections"""
     noise: Any
-    """(sources, noise.COLUMNS) statistics of each source"""
+    """(sources, noise.COLUMNS) noise statistic of each source"""
     last: Any
-    """(places, 16 + n) newest measurement of each source and landmark"""
+    """(sources + landmarks, 16 + n) newest measurement of each source and landmark"""
 
 
 def new_filter(options: Options, landmarks: int = 0) -> Filter:
-    """Return a filter of unknown state for a number of ``landmarks``; call :func:`start` next."""
+    """Return a reset filter for a map with this number of landmarks; call :func:`start` next."""
     n, sources = options.size, len(options.times)
-    filter_ = views(np.zeros(memory_size(n, sources, landmarks)), n, sources)
+    shapes = (n,), (n, n), (n,), (n, n), (6,), (2,), (n,), (sources, noise.COLUMNS), (sources + landmarks, SHIFT + n)
+    memory = np.zeros(sum(math.prod(shape) for shape in shapes))
+    views, first = [], 0
+    for shape in shapes:
+        end = first + math.prod(shape)
+        views.append(memory[first:end].reshape(shape))
+        first = end
+    filter_ = Filter(memory, *views)
     reset(filter_, options)
     return filter_
 
 
-def memory_size(n: int, sources: int, landmarks: int) -> int:
-    """Return the length of the memory of a filter."""
-    return 3 * n + 2 * n * n + 8 + sources * noise.COLUMNS + (sources + landmarks) * (SHIFT + n)
-
-
-def views(memory: Array, n: int, sources: int) -> Filter:
-    """Return the views of a flat memory."""
-    shapes = (n,), (n, n), (n,), (n, n), (6,), (2,), (n,), (sources, noise.COLUMNS), (-1, SHIFT + n)
-    parts, at = [], 0
-    for shape in shapes:
-        length = len(memory) - at if shape[0] == -1 else math.prod(shape)
-        parts.append(memory[at : at + length].reshape(shape))
-        at += length
-    return Filter(memory, *parts)
-
-
 def reset(filter_: Filter, options: Options) -> None:
-    """Reset the filter to an unknown state. Call :func:`start` next."""
+    """Clear the whole memory and set all errors to their initial values; call :func:`start` next."""
     filter_.memory[:] = 0.0
     for row in range(len(filter_.noise)):
         noise.clear(filter_.noise[row])
@@ -118,14 +110,14 @@ def reset(filter_: Filter, options: Options) -> None:
 
 
 def start(filter_: Filter, pose: Pose, P: Array) -> None:
-    """Put the filter at a pose with covariance ``P`` (3, 3); the estimated errors and the noise statistics stay."""
+    """Set the pose with covariance ``P`` (3, 3); the estimated errors and the noise statistics stay."""
     reset_pose(filter_.x, filter_.P, pose, P)
     filter_.gate[:] = 0.0
     unpair(filter_)
 
 
 def reset_pose(x: Array, P: Array, pose: Pose, pose_P: Array) -> None:
-    """Replace the pose and its covariance (3, 3); the estimated errors stay, without correlation with the pose."""
+    """Set the pose and its covariance (3, 3) in place; the other states stay, uncorrelated with the pose."""
     x[0], x[1], x[2] = pose.x, pose.y, wrap_angle(pose.theta)
     P[:3, :] = 0.0
     P[:, :3] = 0.0
@@ -133,23 +125,23 @@ def reset_pose(x: Array, P: Array, pose: Pose, pose_P: Array) -> None:
 
 
 def set_errors(filter_: Filter, options: Options, first: int, errors: Array, P: Array) -> None:
-    """Set estimated errors (k,) with covariance ``P`` (k, k), uncorrelated with all other states.
+    """Set ``errors`` (k,) with covariance ``P`` (k, k), uncorrelated with all other states.
 
     ``first`` is the index of the first error, WHEELS or SENSOR. Errors that this filter does not estimate, or whose
     variance in ``P`` is 0, stay.
     """
-    part = range(first, min(first + len(errors), options.size))
-    places = [i for i in part if options.variances[i - WHEELS] > 0.0 and P[i - first, i - first] > 0.0]
-    filter_.P[places, :] = 0.0
-    filter_.P[:, places] = 0.0
-    for i in places:
+    indices = range(first, min(first + len(errors), options.size))
+    estimated = [i for i in indices if options.variances[i - WHEELS] > 0.0 and P[i - first, i - first] > 0.0]
+    filter_.P[estimated, :] = 0.0
+    filter_.P[:, estimated] = 0.0
+    for i in estimated:
         filter_.x[i] = errors[i - first]
-        for j in places:
+        for j in estimated:
             filter_.P[i, j] = P[i - first, j - first]
 
 
 def unpair(filter_: Filter) -> None:
-    """Drop the newest measurements after a jump of the estimate, so that none is compared across the jump."""
+    """Drop the newest measurements after a jump of the estimate, so that no pair of measurements spans the jump."""
     filter_.last[:, VALID] = 0.0
     for row in range(len(filter_.noise)):
-        noise.forget_innovations(filter_.noise[row])
+        noise.clear_innovations(filter_.noise[row])

@@ -1,4 +1,4 @@
-"""The filter's state in a file, to survive a restart."""
+"""The state of the filter in a file, which survives a restart."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from diffbot_core.kinematics import WheelGeometry
 
 _VERSION = 1
 _MAX_BYTES = 64 * 1024
-"""Largest size of a file; all errors and their covariances need 2 kB."""
+"""Largest size of a file; a state needs about 2 kB."""
 _ERRORS = {"wheels": (WHEELS, 1.0), "landmarks": (SENSOR, 100.0)}
-"""Index of the first of three errors in the state, and the bound of each error, by their name in the file."""
+"""Groups of three errors by their name in the file: index of the first error in the state, and bound of each error."""
 
 
 class BrokenStateError(DiffbotError):
-    """A file does not hold a valid state."""
+    """The file does not contain a valid state."""
 
 
 class SavedState(NamedTuple):
@@ -36,16 +36,17 @@ class SavedState(NamedTuple):
     P: Array
     """(3, 3) [m, m, rad]"""
     geometry: WheelGeometry
-    """geometry to which the errors of the wheels are relative"""
+    """geometry to which the wheel errors are relative"""
     errors: dict[str, tuple[Array, Array]]
-    """(3,) errors and their covariance (3, 3) by name (wheels, landmarks); a known error has the variance 0"""
+    """errors (3,) and their covariance (3, 3) by name (wheels, landmarks); errors that were not estimated have the
+    variance 0"""
 
 
 def save_state(path: Path, state: SavedState) -> None:
-    """Write a state through a temporary file, so that the file is always complete.
+    """Write a state; the file is replaced atomically, so it is always complete.
 
     Raises:
-        OSError: if it cannot be written.
+        OSError: if the file cannot be written.
     """
     content: dict[str, Any] = {"version": _VERSION, "pose": list(state.pose), "P": state.P.tolist()}
     content["geometry"] = list(state.geometry)
@@ -56,10 +57,10 @@ def save_state(path: Path, state: SavedState) -> None:
 
 
 def load_state(path: Path) -> SavedState | None:
-    """Read a state; None if there is no file.
+    """Read a state; return None if the file does not exist.
 
     Raises:
-        BrokenStateError: if it does not hold a valid state.
+        BrokenStateError: if the file does not contain a valid state.
     """
     try:
         if not path.exists():
@@ -68,13 +69,13 @@ def load_state(path: Path) -> SavedState | None:
     except DiffbotError as error:
         raise BrokenStateError(str(error)) from None
     except (ValueError, RecursionError):
-        raise BrokenStateError(f"{path} is no JSON") from None
+        raise BrokenStateError(f"{path} is not a JSON file") from None
     if not isinstance(content, dict) or content.get("version") != _VERSION:
-        raise BrokenStateError(f"{path} is no state of version {_VERSION}")
+        raise BrokenStateError(f"{path} does not contain a state of version {_VERSION}")
     x, y, theta = _numbers(path, content, "pose", (3,), MAX_COORDINATE).tolist()
     geometry = WheelGeometry(*_numbers(path, content, "geometry", (2,), math.inf).tolist())
     errors = {
-        name: (_numbers(path, content, name, (3,), bound), _covariance(path, content, f"{name}_P", known=True))
+        name: (_numbers(path, content, name, (3,), bound), _covariance(path, content, f"{name}_P", allow_zero=True))
         for name, (_, bound) in _ERRORS.items()
         if name in content
     }
@@ -84,17 +85,18 @@ def load_state(path: Path) -> SavedState | None:
 def _numbers(path: Path, content: dict[str, Any], key: str, shape: tuple[int, ...], limit: float) -> Array:
     try:
         numbers: Array = np.array(content.get(key), dtype=float)
-    except (TypeError, ValueError, OverflowError):  # OverflowError: a whole number beyond the range of floats
-        raise BrokenStateError(f"{path}: {key} holds no numbers") from None
+    except (TypeError, ValueError, OverflowError):  # OverflowError: an integer beyond the range of floats
+        raise BrokenStateError(f"{path}: {key} is not an array of numbers") from None
     if numbers.shape != shape or not np.isfinite(numbers).all() or np.abs(numbers).max() > limit:
-        raise BrokenStateError(f"{path}: {key} must be {math.prod(shape)} finite numbers up to {limit:g}")
+        bounds = "" if math.isinf(limit) else f" between {-limit:g} and {limit:g}"
+        raise BrokenStateError(f"{path}: {key} must contain {math.prod(shape)} finite numbers{bounds}")
     return numbers
 
 
-def _covariance(path: Path, content: dict[str, Any], key: str, *, known: bool = False) -> Array:
-    """Return a covariance (3, 3); with ``known``, some variances may be 0."""
+def _covariance(path: Path, content: dict[str, Any], key: str, *, allow_zero: bool = False) -> Array:
+    """Return a covariance (3, 3); with ``allow_zero``, variances may be 0."""
     P = _numbers(path, content, key, (3, 3), math.inf)
-    part = np.flatnonzero(P.any(axis=0) | P.any(axis=1)) if known else np.arange(3)
+    part = np.flatnonzero(P.any(axis=0) | P.any(axis=1)) if allow_zero else np.arange(3)
     try:
         check_covariance(P[np.ix_(part, part)])
     except BadMessageError as error:
@@ -112,40 +114,41 @@ class StateKeeper:
         self._saved: int | None = None
 
     def restore(self, geometry: WheelGeometry) -> str:
-        """Initialise the filter from the file, if there is one; return a line for the log.
+        """Initialise the filter from the file if it exists; return a sentence for the log.
 
-        The errors of the wheels are restored only if they are relative to the same ``geometry``.
+        The wheel errors are restored only if they are relative to the same ``geometry``.
 
         Raises:
-            BrokenStateError: if the file does not hold a valid state; it is renamed.
-            DiffbotError: if it cannot be renamed; the caller must not save then, since that would overwrite it.
+            BrokenStateError: if the file does not contain a valid state; the file was renamed.
+            DiffbotError: if such a file cannot be renamed. Then the caller must not save, since a save would overwrite
+                the file.
         """
         try:
             saved = load_state(self._path)
         except BrokenStateError as error:
-            # The next save would overwrite the broken file.
+            # Otherwise the next save would overwrite the broken file.
             kept = self._path.with_name(self._path.name + ".bad")
             try:
                 self._path.replace(kept)
             except OSError as failure:
-                raise DiffbotError(f"{error}; it cannot be renamed: {failure.strerror or failure}") from None
+                raise DiffbotError(f"{error}; the file cannot be renamed: {failure.strerror or failure}") from None
             raise BrokenStateError(f"{error}; the file is kept as {kept.name}") from None
         if saved is None:
             return "no state to restore"
         self._localization.initialise(saved.pose, saved.P)
-        done = "state restored: x {:.3f} m, y {:.3f} m, heading {:.3f} rad".format(*saved.pose)
+        text = "state restored: x {:.3f} m, y {:.3f} m, heading {:.3f} rad".format(*saved.pose)
         for name, (errors, P) in saved.errors.items():
             if name == "wheels" and saved.geometry != geometry:
-                done += "; wheel errors not restored: found with another wheel radius or separation"
+                text += "; wheel errors not restored: they belong to another wheel radius or separation"
             else:
                 set_errors(self._localization.filter, self._localization.options, _ERRORS[name][0], errors, P)
-        return done
+        return text
 
     def save(self, geometry: WheelGeometry) -> None:
-        """Save the present state if it is newer than the saved one.
+        """Save the present state if it is newer than the saved state.
 
         Raises:
-            OSError: if it cannot be written.
+            OSError: if the file cannot be written.
         """
         try:
             estimate = self._localization.estimate()
@@ -163,10 +166,10 @@ class StateKeeper:
         self._saved = estimate.stamp
 
     def delete(self) -> None:
-        """Delete the file: after a reset, a restart must not restore the old state.
+        """Delete the file, so that a restart after a reset does not restore the old state.
 
         Raises:
-            OSError: if it cannot be deleted.
+            OSError: if the file cannot be deleted.
         """
         self._path.unlink(missing_ok=True)
         self._saved = None

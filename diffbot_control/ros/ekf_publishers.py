@@ -1,4 +1,4 @@
-"""Publishers of the estimate of the node ``ekf``: pose and odometry/filtered."""
+"""Publishers of the node ``ekf``: pose and odometry/filtered."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ if TYPE_CHECKING:
 
 
 class EkfPublishers:
-    """Publishes estimates while there are subscribers; the messages are created once and filled again."""
+    """Publishes estimates while there are subscribers; each message is created once and filled repeatedly."""
 
     def __init__(self, node: ManagedNode[EkfNodeConfig]) -> None:
-        """Create the publishers on ``node``, whose health counts the messages."""
+        """Create the publishers of ``node``, whose health counts the published messages."""
         config = node.config
         self._sent = node.health.sent
         self._pose = pose_message(config.map_frame)
@@ -50,7 +50,7 @@ class EkfPublishers:
         self._sent["pose"] += 1
 
     def send_filtered(self, estimate: FilterEstimate, twist: Twist, covariance: TwistCovariance) -> None:
-        """Publish the estimate with its ``twist`` and the covariance of the twist, if there is a subscriber."""
+        """Publish the estimate with a twist and the covariance of the twist, if there is a subscriber."""
         if not self._filtered_odometry.get_subscription_count():
             return
         message = self._filtered

@@ -1,4 +1,4 @@
-"""Names of frames: the frames of a robot begin with its ``frame_prefix``; ``map`` is common to all. Free of ROS."""
+"""Names of the frames of a robot, which begin with its ``frame_prefix``, and texts of parameters of several nodes."""
 
 from __future__ import annotations
 
@@ -6,35 +6,30 @@ from typing import Any
 
 from diffbot_core.errors import InvalidValueError
 
-PREFIX_TEXT = "put before odom_frame and base_link_frame, such as robot1/; map_frame is common to all robots"
-
-RELIABLE_TEXT = "receive sensors from reliable publishers only, without a loss (lock-step needs it)"
+PREFIX_TEXT = "prefix of odom_frame and base_link_frame, such as robot1/; map_frame is common to all robots"
+RELIABLE_TEXT = "receive sensors only from reliable publishers, so that no message is lost (lock-step needs it)"
 
 
 def robot_frame(config: Any) -> str:
-    """Return the full name of ``base_link_frame`` of a node's configuration.
+    """Return ``base_link_frame`` of a configuration with its prefix.
 
     Raises:
-        InvalidValueError: see :func:`prefixed`.
+        InvalidValueError: if the prefix begins with a slash.
     """
-    return prefixed(config.frame_prefix, config.base_link_frame)
+    return _prefixed(config.frame_prefix, config.base_link_frame)
 
 
 def odometry_frame(config: Any) -> str:
-    """Return the full name of ``odom_frame`` of a node's configuration.
+    """Return ``odom_frame`` of a configuration with its prefix.
 
     Raises:
-        InvalidValueError: see :func:`prefixed`.
+        InvalidValueError: if the prefix begins with a slash.
     """
-    return prefixed(config.frame_prefix, config.odom_frame)
+    return _prefixed(config.frame_prefix, config.odom_frame)
 
 
-def prefixed(prefix: str, frame: str) -> str:
-    """Return the name of a robot's frame; the prefix is used as it is, as robot_state_publisher does.
-
-    Raises:
-        InvalidValueError: if the prefix begins with a slash, which tf2 does not allow.
-    """
+def _prefixed(prefix: str, frame: str) -> str:
     if prefix.startswith("/"):
+        # tf2 refuses such frames.
         raise InvalidValueError("frame_prefix", prefix, "without a slash at its beginning")
     return prefix + frame

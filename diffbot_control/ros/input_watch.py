@@ -1,4 +1,4 @@
-"""Detection of faults in the wiring of the filter's inputs that no single message shows; each text says what to do."""
+"""Detection of faults in the wiring of the inputs of the ekf that a single message does not show."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from diffbot_core.stamps import RelativeClocks
 
 WINDOW = 2.0
 """[s] duration of the windows in which the clocks of the inputs are compared"""
-_MAX_OFFSET, _MAX_SIMULATED = 0.1, 0.5
-"""[s] Largest offset between the clocks of two inputs. Simulated time is received in steps, between the messages."""
+_MAX_OFFSET, _MAX_OFFSET_SIMULATED = 0.1, 0.5
+"""[s] Largest offset between the clocks of two inputs. Simulated time advances in steps, so ages are less accurate."""
 _MAX_NAMES = 5
-"""largest number of joints that a text lists"""
+"""Largest number of joints that a text lists."""
 CONTRADICT = "wheels and gyro contradict each other"
 
 
@@ -23,52 +23,52 @@ class InputWatch:
         """Start without a message.
 
         Args:
-            reference: topic of the motion, with whose clock the others are compared.
-            wheels: names of both joints.
-            delays: [s] usual delay of each input until it is published.
+            reference: topic of the odometry, with whose clock the other clocks are compared.
+            wheels: names of the joints of both wheels.
+            delays: typical delay of each input until it is published [s].
         """
         self._reference, self._wheels, self._delays = reference, wheels, delays
         self.clocks = RelativeClocks()
         """clocks of all inputs; the windows last for WINDOW seconds"""
         self.odometry = OdometryCheck()
         self._joints: tuple[str, ...] = ()
-        """joints of the newest message without wheels; empty after a message with wheels"""
+        """joints of the newest JointState if no JointState had a wheel so far, else empty"""
         self._has_wheels = False
         self._frames: tuple[str, str] | None = None
-        """frame of the newest odometry and the expected frame, if they differ"""
+        """frame of the newest odometry and expected frame if they differ"""
 
     def receive_frame(self, frame: str, expected: str) -> None:
-        """Add the frame of an odometry and the child frame of map -> odom; empty: the transform is not published."""
+        """Add the frame of an odometry and the child frame of map -> odom, or "" if that transform is not published."""
         self._frames = (frame, expected) if expected and frame != expected else None
 
     def receive_joints(self, names: tuple[str, ...], *, has_wheels: bool) -> None:
-        """Add the names of the joints of a message."""
+        """Add the names of the joints of a JointState."""
         self._has_wheels = self._has_wheels or has_wheels
         self._joints = () if self._has_wheels else names
 
     def faults(self, turns: Agreement, *, is_simulated: bool) -> dict[str, str]:
-        """Return a text about each fault, by the input at fault.
+        """Return one text for each fault, which says what to do, by the faulty input.
 
         Args:
             turns: agreement of the turn rates of wheels and gyro.
             is_simulated: the node uses the time of /clock.
         """
         found = {}
-        limit = _MAX_SIMULATED if is_simulated else _MAX_OFFSET
+        limit = _MAX_OFFSET_SIMULATED if is_simulated else _MAX_OFFSET
         for topic, ahead in self.clocks.ahead_of(self._reference).items():
             if ahead > limit:
-                todo = f"synchronise the clocks that stamp both (chrony), or stamp {self._reference} sooner"
-                found[topic] = f"{topic} is stamped {ahead:.2f} s ahead of {self._reference}: {todo}"
+                remedy = f"synchronise the clocks that stamp both (chrony), or stamp {self._reference} sooner"
+                found[topic] = f"{topic} is stamped {ahead:.2f} s ahead of {self._reference}: {remedy}"
             elif -ahead > limit + self._delays.get(topic, 0.0):
-                todo = "synchronise the clocks that stamp both (chrony), or publish it sooner after it is measured"
-                found[topic] = f"{topic} is stamped {-ahead:.2f} s behind {self._reference}: {todo}"
+                remedy = f"synchronise the clocks that stamp both (chrony), or publish {topic} with less delay"
+                found[topic] = f"{topic} is stamped {-ahead:.2f} s behind {self._reference}: {remedy}"
         if fault := self.odometry.fault():
             found["odom"] = f"odom: {fault}"
         if self._frames is not None:
             frame, expected = self._frames
             found["frame"] = (
                 f"odom has the frame_id {frame[:80]!r}, but map -> odom is published for {expected!r}: set odom_frame "
-                "(and frame_prefix) to what the driver publishes"
+                "(and frame_prefix) to the frame_id of the driver"
             )
         if fault := turn_fault(turns, self._reference):
             found["turn rate"] = f"{CONTRADICT}: {fault}"
@@ -77,19 +77,20 @@ class InputWatch:
             left, right = self._wheels
             found["joint_states"] = (
                 f"joint_states has neither {left!r} nor {right!r}, but {names[:200]}: set left_wheel_name and "
-                "right_wheel_name"
+                "right_wheel_name to the joints of the wheels"
             )
         return found
 
 
 def turn_fault(turns: Agreement, reference: str) -> str:
-    """Return how the turn rates of the wheels (first) and the gyro (second) contradict each other."""
+    """Return how the turn rates of wheels (first) and gyro (second) contradict each other; empty if they agree."""
     texts = {
-        "opposed": f"the turn rate of imu has the sign opposite to that of {reference}: does its z axis point "
-        "up? Publish the transform of its frame, or swap left and right wheel",
-        "only_first": f"imu shows no turn while {reference} does: does the driver fill angular_velocity.z in rad/s?",
-        "only_second": f"{reference} shows no turn while imu does: does the driver fill the turn rate, do the wheels "
-        "have grip?",
+        "opposed": f"the turn rates of imu and {reference} have opposite signs: publish the transform of the frame of "
+        "imu if its z axis does not point up, or swap left and right wheel",
+        "only_first": f"{reference} shows a turn, but imu does not: check that its driver fills angular_velocity.z "
+        "in rad/s",
+        "only_second": f"imu shows a turn, but {reference} does not: check that its driver fills the turn rate, and "
+        "that the wheels have grip",
         "scaled": f"the turn rates of imu and {reference} differ by a factor of ten or more: both have to be in rad/s",
     }
     return texts.get(turns.contradiction(), "")

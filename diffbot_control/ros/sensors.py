@@ -1,7 +1,10 @@
-"""Sensors of the ekf: messages to measurements. Free of ROS: a message is anything with the fields of its type.
+"""Sensors of the ekf: conversion of messages to measurements.
 
-A covariance of zeros in a message means *unknown*, not *exact*. The deviations of the parameters replace it, and
-without them the message is dropped. A new sensor is a class here and a line in :func:`sensors_of`.
+This module does not import ROS: a message is any object with the fields of its type. To add a sensor, add a class here
+and create it in :func:`sensors_of`.
+
+An all-zero covariance in a message means *unknown*, not *exact*. The deviations of the parameters replace it; if they
+are 0, the message is dropped.
 """
 
 from __future__ import annotations
@@ -24,7 +27,6 @@ from diffbot_control.ros.messages.fields import (
     check_frame,
     check_numbers,
     measured_ns,
-    planar_block,
     planar_covariance,
     pose_of,
     stamp_ns,
@@ -48,24 +50,24 @@ from diffbot_core.stamps import S_PER_NS
 POSE_MESSAGE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 DETECTIONS = "detected_dock_pose"
 _DOCK_GROWTH = 0.01
-"""[m/m], [rad/m] growth with the distance of the deviations of a detection without covariance"""
+"""[m/m], [rad/m] increase with the distance of the deviations of a detection without covariance"""
 
 
 class KnownNoise(NamedTuple):
-    """Configured noise of a sensor, for messages without a covariance."""
+    """Covariance of a sensor according to the parameters, for messages without a covariance."""
 
     R: Array | None = None
     """fallback covariance; None: drop messages without a covariance"""
     always: bool = False
     """use R even if a message has a covariance"""
     parameters: str = ""
-    """names of the parameters that set R"""
+    """names of the parameters that set R, for the error text"""
 
-    def of(self, read: Callable[[], Array]) -> Array:
-        """Return the covariance that ``read`` returns, or R if that covariance is unknown or overridden.
+    def covariance_or_fallback(self, read: Callable[[], Array]) -> Array:
+        """Return the covariance that ``read`` returns, or R if this covariance is unknown or overridden.
 
         Raises:
-            BadMessageError: if the covariance is wrong, or unknown without a fallback.
+            BadMessageError: if the covariance is invalid, or unknown without a fallback.
         """
         if self.always and self.R is not None:
             return self.R
@@ -90,29 +92,29 @@ class SensorContent(NamedTuple):
 
     measurements: list[Measurement]
     uses_fallback: bool = False
-    """True: the covariance is from the parameters"""
+    """True: the covariance is set by the parameters"""
     unknown: int = 0
-    """number of landmarks that are not in the map"""
+    """number of landmarks that are not on the map"""
     gyro: GyroSample | None = None
-    """a turn rate"""
+    """turn rate of an Imu"""
     assumed: str = ""
-    """assumption about how the sensor is mounted, and how to avoid it; for log and diagnostics"""
+    """assumption about the mounting of the sensor, and how to avoid it; empty: no assumption"""
 
 
 class Sensor(ABC):
     """A source of measurements."""
 
     usual_delay = 0.0
-    """[s] additional delay from a measurement of this kind until it is published"""
+    """[s] typical delay from a measurement until its message is published"""
 
     def __init__(self, topic: str, message_type: str, noise: KnownNoise, frame: str) -> None:
-        """Describe the source.
+        """Create the sensor.
 
         Args:
-            topic: of its messages.
-            message_type: e.g. ``sensor_msgs/msg/Imu``.
-            noise: for messages without a covariance.
-            frame: of its messages.
+            topic: topic of its messages.
+            message_type: type of its messages, e.g. ``sensor_msgs/msg/Imu``.
+            noise: covariance for messages without a covariance.
+            frame: frame of the measurements.
         """
         self.topic, self.message_type, self.noise, self.frame = topic, message_type, noise, frame
 
@@ -121,15 +123,15 @@ class Sensor(ABC):
         """Return the measurements of a message.
 
         Raises:
-            BadMessageError: for a message that cannot be used.
+            BadMessageError: if the message cannot be used.
         """
 
 
 class FixSensor(Sensor):
-    """One source of fixes. If the heading has a deviation of pi or more, only the position of the fix is used."""
+    """One source of fixes. If the deviation of the heading is pi or more, only the position of a fix is used."""
 
     def __init__(self, topic: str, source: str, noise: KnownNoise, frame: str, delay: float) -> None:
-        """Describe the source: its name in the filter, and the ``delay`` [s] from a measurement to its stamp."""
+        """Create the sensor; ``source`` is its name in the filter, ``delay`` [s] the time from a fix to its stamp."""
         super().__init__(topic, POSE_MESSAGE, noise, frame)
         self._source, self._delay = source, round(delay / S_PER_NS)
 
@@ -144,24 +146,24 @@ class ImuSensor(Sensor):
     """An Imu, which may be mounted in any orientation."""
 
     def __init__(self, topic: str, noise: KnownNoise, frame: str, transforms: Transforms) -> None:
-        """Store the noise, the frame of the robot, and the transforms to the frame of the Imu."""
+        """Create the sensor; ``transforms`` lead from ``frame``, the frame of the robot, to the frame of the Imu."""
         super().__init__(topic, "sensor_msgs/msg/Imu", noise, frame)
         self._mounting = Mounting(frame, transforms)
 
     def _variance(self, covariance: Any) -> Array:
-        """Return the variance (1, 1) about the vertical axis, given the 9 numbers of a covariance."""
-        return self.noise.of(lambda: check_covariance(np.array([[float(covariance[8])]])))
+        """Return the variance (1, 1) about the z axis from the 9 numbers of a covariance."""
+        return self.noise.covariance_or_fallback(lambda: check_covariance(np.array([[float(covariance[8])]])))
 
 
 class Compass(ImuSensor):
-    """Headings: the orientation of an Imu."""
+    """The heading, from the orientation of an Imu."""
 
     def read(self, message: Any) -> SensorContent:
         """Return the heading of a message; REP-145: covariance[0] = -1 means no orientation."""
         if message.orientation_covariance[0] == -1.0:
-            raise BadMessageError("no orientation in it")
+            raise BadMessageError("no orientation", "orientation_covariance[0] is -1")
         stamp, yaw = measured_ns(message.header.stamp), yaw_of(message.orientation)
-        mounted = self._mounting.of(message.header.frame_id, stamp)
+        mounted = self._mounting.rotation_to(message.header.frame_id, stamp)
         if mounted is not None:
             yaw = yaw_through(message.orientation, mounted)
         R = self._variance(message.orientation_covariance)
@@ -174,15 +176,15 @@ class Gyro(ImuSensor):
     def read(self, message: Any) -> SensorContent:
         """Return the turn rate of a message; REP-145: covariance[0] = -1 means no angular velocity."""
         if message.angular_velocity_covariance[0] == -1.0:
-            raise BadMessageError("no angular velocity in it")
+            raise BadMessageError("no angular velocity", "angular_velocity_covariance[0] is -1")
         rates, stamp, axis = message.angular_velocity, measured_ns(message.header.stamp), (0.0, 0.0, 1.0)
         measured = rates.x, rates.y, rates.z
         check_numbers(measured, MAX_SPEED, "turn rate")
-        mounted = self._mounting.of(message.header.frame_id, stamp)
+        mounted = self._mounting.rotation_to(message.header.frame_id, stamp)
         if mounted is not None:
-            # The robot's vertical axis in the frame of the Imu.
+            # Vertical axis of the robot in the frame of the Imu.
             axis = rotated(axis, mounted)
-        rate = sum(one * along for one, along in zip(measured, axis, strict=True))
+        rate = sum(component * share for component, share in zip(measured, axis, strict=True))
         R = self._variance(message.angular_velocity_covariance)
         sample = GyroSample(stamp, rate, R.item(0))
         return SensorContent([], R is self.noise.R, gyro=sample, assumed=self._mounting.assumed)
@@ -192,20 +194,20 @@ class LandmarkSensor(Sensor):
     """Range and bearing of the landmarks of a map."""
 
     def __init__(self, noise: KnownNoise, frame: str, config: EkfNodeConfig) -> None:
-        """Store the noise, the frame of the robot and the map."""
+        """Create the sensor for the map in ``config``; ``frame`` is the frame of the robot."""
         super().__init__("landmarks", "sensor_msgs/msg/PointCloud2", noise, frame)
-        self._points = config.landmarks.points()
+        self._map = config.landmarks.points()
 
     def read(self, message: Any) -> SensorContent:
         """Return the measurements of the known landmarks in a message."""
         check_frame(message.header.frame_id, self.frame)
         stamp, measurements, unknown = measured_ns(message.header.stamp), [], 0
-        for one in landmark_points(message):
-            if one.number not in self._points:
+        for point in landmark_points(message):
+            if point.number not in self._map:
                 unknown += 1
                 continue
-            R = _landmark_noise(one, self.noise)
-            measurements.append(landmark(stamp, one.range, one.bearing, R, self._points[one.number]))
+            R = _landmark_noise(point, self.noise)
+            measurements.append(landmark(stamp, point.range, point.bearing, R, self._map[point.number]))
         return SensorContent(measurements, unknown=unknown)
 
 
@@ -218,21 +220,21 @@ def _landmark_noise(point: LandmarkPoint, noise: KnownNoise) -> Array:
     part = np.ix_(measured, measured)
     known = noise._replace(R=None if noise.R is None else noise.R[part])
     R = np.diag((math.inf, math.inf))
-    R[part] = known.of(lambda: check_covariance(np.diag([variances[index] for index in measured])))
+    R[part] = known.covariance_or_fallback(lambda: check_covariance(np.diag([variances[index] for index in measured])))
     return R
 
 
 class DockSensor(Sensor):
-    """Detections of a dock, each of which is a fix in the frame of the dock.
+    """Detections of a dock. Each detection is a fix in the frame of the dock.
 
-    A detection may have any frame with a transform to the robot. Without the transform it is refused, since its
-    position would be wrong.
+    A detection may have any frame with a transform to the frame of the robot. Without a transform it is dropped, since
+    its position would be wrong.
     """
 
     usual_delay = 0.3
 
     def __init__(self, dock: DockDetection, override_covariance: bool, frame: str, transforms: Transforms) -> None:
-        """Store the parameters of the dock, the frame of the robot, and the transforms from the detector's frame."""
+        """Create the sensor; ``transforms`` lead from the detector to ``frame``, the frame of the robot."""
         self._has_covariance = dock.dock_detection != POSE
         message_type = POSE_MESSAGE if self._has_covariance else "geometry_msgs/msg/PoseStamped"
         super().__init__(DETECTIONS, message_type, KnownNoise(always=override_covariance), frame)
@@ -243,36 +245,36 @@ class DockSensor(Sensor):
         """Return the fix of the robot in the frame of the dock.
 
         Raises:
-            BadMessageError: for a message that cannot be used, or the same pose as in the previous message.
+            BadMessageError: if the message cannot be used, or has the same pose as the previous message.
         """
         pose = message.pose.pose if self._has_covariance else message.pose
         marker = pose_in_frame(pose, message.header, self.frame, self._transforms)
         if marker == self._newest:
             # The noise of a working detector makes each pose different.
-            raise BadMessageError("the same pose again")
+            raise BadMessageError("same pose as before", "restart the detector")
         self._newest = marker
         growth = _DOCK_GROWTH * math.hypot(pose.position.x, pose.position.y, pose.position.z)
         sigma, yaw_sigma = self._dock.dock_sigma + growth, self._dock.dock_yaw_sigma + growth
         R = assumed = np.diag(np.square((sigma, sigma, yaw_sigma)))
         if self._has_covariance:
-            R = self.noise._replace(R=assumed).of(lambda: self._covariance(message))
+            R = self.noise._replace(R=assumed).covariance_or_fallback(lambda: self._covariance(message))
         at_dock = check_covariance(self._docked.covariance(marker, R))
         fix = pose_fix(measured_ns(message.header.stamp), self._docked.robot(marker), at_dock)
         return SensorContent([fix], R is assumed)
 
     def _covariance(self, message: Any) -> Array:
-        """Return the covariance (3, 3) of the marker's pose in the frame of the robot."""
+        """Return the covariance (3, 3) of the pose of the marker in the frame of the robot."""
         covariance, source = message.pose.covariance, message.header.frame_id
         if source != self.frame:
             transform = self._transforms.lookup(self.frame, source, stamp_ns(message.header.stamp))
             covariance = rotated_covariance(covariance, transform.rotation)
-        return check_covariance(planar_block(covariance))
+        return planar_covariance(covariance)
 
 
 def sensors_of(config: EkfNodeConfig, transforms: Transforms) -> list[Sensor]:
-    """Return the sensors that a configuration describes, in the order in which their waiting messages are handled.
+    """Return the sensors of a configuration, in the order in which their waiting messages are handled.
 
-    ``transforms`` connect the frames of the Imu and of the detector with the frame of the robot.
+    ``transforms`` lead from the frames of the Imu and of the detector to the frame of the robot.
     """
     noise, frame, robot = config.noise, config.map_frame, robot_frame(config)
     dock: Any = config.dock
@@ -297,7 +299,7 @@ def sensors_of(config: EkfNodeConfig, transforms: Transforms) -> list[Sensor]:
 
 
 def global_pose_noise(config: EkfNodeConfig) -> KnownNoise:
-    """Return the fallback covariance of ``global_pose``, and of ``initialpose``."""
+    """Return the fallback covariance of ``global_pose`` and ``initialpose``."""
     xy, yaw = config.noise.global_pose_sigma_xy, config.noise.global_pose_sigma_yaw
     names = "global_pose_sigma_xy and global_pose_sigma_yaw"
     return KnownNoise(diagonal((xy, xy, yaw)), config.noise.override_covariance, names)
@@ -307,15 +309,20 @@ def stamped_pose(message: Any, frame: str, noise: KnownNoise) -> tuple[int, Pose
     """Return stamp [ns], pose and covariance (3, 3) of a PoseWithCovarianceStamped in ``frame``."""
     check_frame(message.header.frame_id, frame, parameter="map_frame")
     pose = pose_of(message.pose.pose)
-    R = noise.of(lambda: planar_covariance(message.pose.covariance))
+    R = noise.covariance_or_fallback(lambda: planar_covariance(message.pose.covariance))
     return stamp_ns(message.header.stamp), pose, R
 
 
 def fuse(content: SensorContent, localization: Localization, drop: Callable[[BadMessageError], None]) -> None:
-    """Fuse the measurements of a message; ``drop`` is called for each bad one of several measurements.
+    """Fuse the measurements of a message.
+
+    Args:
+        content: content of the message.
+        localization: filter.
+        drop: called with the error of each dropped measurement, if the message has several measurements.
 
     Raises:
-        BadMessageError: if the only measurement, or the turn rate, cannot be used.
+        BadMessageError: if the only measurement, or the turn rate, is dropped.
     """
     if content.gyro is not None:
         localization.on_gyro(content.gyro)

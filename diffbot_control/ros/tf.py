@@ -1,7 +1,7 @@
-"""TF: the transforms that a node looks up, and ``map`` -> ``odom``, which the ekf sends.
+"""TF: transforms that a node looks up, and ``map`` -> ``odom``, which the ekf publishes.
 
-tf2_ros exists in full ROS installations only. Without it a node receives static transforms itself, if tf2_msgs is
-installed. Without both there are no transforms.
+Only full ROS installations contain tf2_ros. Without tf2_ros, a node receives static transforms itself if tf2_msgs is
+installed. Without both, no transform is available.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ class Tf2Transforms:
         """Subscribe to /tf and /tf_static.
 
         Args:
-            tf2_ros: the module.
-            node: the node that spins.
-            tolerance: [s] by which the newest transform may be older than the pose or vector to transform.
+            tf2_ros: module tf2_ros.
+            node: node that receives the transforms.
+            tolerance: time by which the newest transform may be older than the requested stamp [s].
         """
         self._tf2_ros = tf2_ros
         self._tolerance = round(tolerance * NS_PER_S)
@@ -40,7 +40,7 @@ class Tf2Transforms:
         self._listener = tf2_ros.TransformListener(self._buffer, node)
 
     def lookup(self, target: str, source: str, stamp: int) -> Any:
-        """Return a transform; the newest one if it is older than ``stamp`` by no more than the tolerance."""
+        """Return the transform at ``stamp``, or the newest transform if it is older by at most the tolerance."""
         try:
             try:
                 return self._buffer.lookup_transform(target, source, Time(nanoseconds=stamp)).transform
@@ -55,50 +55,49 @@ class Tf2Transforms:
 
 
 def transforms_of(node: Any, tolerance: float) -> Transforms:
-    """Return the transforms that ``node`` can look up; ``tolerance`` is that of :class:`Tf2Transforms` [s]."""
+    """Return the transforms that ``node`` can look up; ``tolerance`` [s] is as in :class:`Tf2Transforms`."""
     try:
         import tf2_ros  # noqa: PLC0415 - not installed everywhere
     except ImportError:
-        return NO_TRANSFORMS if TFMessage is None else received_transforms(node)
-    return Tf2Transforms(tf2_ros, node, tolerance)
-
-
-def received_transforms(node: Any) -> StaticTransforms:
-    """Return the static transforms that ``node`` receives on /tf_static from now on."""
-    found = StaticTransforms()
+        pass
+    else:
+        return Tf2Transforms(tf2_ros, node, tolerance)
+    if TFMessage is None:
+        return NO_TRANSFORMS
+    transforms = StaticTransforms()
 
     def receive(message: Any) -> None:
-        for one in message.transforms:
-            found.add(one.header.frame_id, one.child_frame_id, one.transform)
+        for stamped in message.transforms:
+            transforms.add(stamped.header.frame_id, stamped.child_frame_id, stamped.transform)
 
     node.create_subscription(TFMessage, STATIC_TOPIC, receive, STATIC_TRANSFORMS)
-    return found
+    return transforms
 
 
 class TransformSender:
-    """Publishes ``map`` -> ``odom`` from the estimates and the pose in the odometry's own frame."""
+    """Publishes ``map`` -> ``odom``, computed from the poses of the robot in both frames."""
 
     def __init__(self, node: Any, map_frame: str, odom_frame: str, tolerance: float) -> None:
         """Create the publisher of /tf.
 
         Args:
-            node: the node that publishes.
-            map_frame: the parent.
-            odom_frame: the child, with its prefix.
-            tolerance: [s] by which stamps are set into the future, which is how long a transform is valid, as in AMCL.
+            node: node that publishes.
+            map_frame: parent frame.
+            odom_frame: child frame with its prefix.
+            tolerance: time by which transforms are stamped into the future [s], as ``transform_tolerance`` of AMCL.
         """
         self._frames = map_frame, odom_frame
         self._tolerance = round(tolerance * NS_PER_S)
         self._publisher = node.create_publisher(TFMessage, TF_TOPIC, TRANSFORMS)
 
     def send(self, stamp: int, in_map: Pose, in_odom: Pose) -> None:
-        """Send the transform from two poses of the robot at ``stamp`` [ns]: the estimate and the odometry's own."""
-        of_odom = origin_of_frame(in_odom, in_map)
-        self._publisher.publish(transform_message(stamp + self._tolerance, *self._frames, of_odom))
+        """Publish the transform, given the poses of the robot in ``map`` and ``odom`` at ``stamp`` [ns]."""
+        odom = origin_of_frame(in_odom, in_map)
+        self._publisher.publish(transform_message(stamp + self._tolerance, *self._frames, odom))
 
 
 def transform_sender(node: Any, map_frame: str, odom_frame: str, tolerance: float) -> TransformSender | None:
-    """Return a sender; without tf2_msgs, log that and return None."""
+    """Return a :class:`TransformSender`; if tf2_msgs is not installed, log this and return None."""
     if TFMessage is None:
         node.get_logger().info("tf2_msgs is not installed: no TF is published")
         return None

@@ -55,7 +55,7 @@ BAD_FILES = {
 
 
 FOREIGN_FILES = {
-    "of another program": (lambda path: path.symlink_to("/etc/passwd"), "is no JSON"),
+    "of another program": (lambda path: path.symlink_to("/etc/passwd"), "is not a JSON file"),
     "a pipe": (os.mkfifo, "not a regular file"),
     "a folder": (lambda path: path.mkdir(), "not a regular file"),
     "too long": (written("{}" + " " * 10**6), "is too large: must be <= "),

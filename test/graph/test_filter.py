@@ -125,7 +125,7 @@ def test_a_broken_state_file_that_cannot_be_renamed_is_one_error_and_stays_as_it
     assert path.read_text() == "my only copy of something else"
     errors = [one for one in capfd.readouterr().err.splitlines() if "[ERROR]" in one]
     assert len(errors) == 1
-    assert f"none will be saved: {path} is no JSON; it cannot be renamed: Is a directory" in errors[0]
+    assert f"it will not be saved: {path} is not a JSON file; the file cannot be renamed: Is a directory" in errors[0]
 
 
 def cloud(time, points):
@@ -152,5 +152,5 @@ def test_landmarks_are_fused_by_their_numbers_and_strangers_are_counted(start):
     assert distance(pose, truth) < 0.02
     assert turned(pose, truth) < 0.02
     assert np.linalg.eigvalsh(P).max() < 0.02**2
-    assert subject.node.health.counted["landmarks of unknown number"] == 20
+    assert subject.node.health.counted["landmarks with unknown ids"] == 20
     assert not subject.node.health.dropped

@@ -150,7 +150,7 @@ def test_a_node_that_cannot_be_configured_stays_unconfigured_and_reports_why(nod
     manager.change("ekf", *CONFIGURE)
     assert not manager.request("controller", Transition.TRANSITION_CONFIGURE)
     assert manager.state("controller") == State.PRIMARY_STATE_UNCONFIGURED
-    text = "map_frame: the controller has 'world', the ekf 'map': must be the same"
+    text = "map_frame is 'world' in the controller, but 'map' in the ekf: set both to the same frame"
     assert text in "".join(capfd.readouterr())
     node = nodes.peer.node
     nodes.peer.spin_until(lambda: not node.get_publishers_info_by_topic("/cmd_vel"), what="no publisher")

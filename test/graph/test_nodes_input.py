@@ -41,7 +41,7 @@ POSES = [
     ({"pose.position.x": NAN}, "position not finite"),
     ({"pose.position.x": HUGE}, "position out of range"),
     ({"pose.orientation.w": NAN}, "orientation not finite"),
-    ({"pose.orientation.z": 1.0, "pose.orientation.w": 1.0}, "orientation is no unit quaternion"),
+    ({"pose.orientation.z": 1.0, "pose.orientation.w": 1.0}, "orientation is not a unit quaternion"),
 ]
 """Changes of a message with a header and a pose, and the kind under which each is counted."""
 UNKNOWN_FRAME = "no transform" if find_spec("tf2_ros") else "wrong frame_id"
@@ -60,7 +60,7 @@ ZERO_STAMP = ({"header.stamp.sec": 0, "header.stamp.nanosec": 0}, "stamp is zero
 HEADINGS = [
     ZERO_STAMP,
     ({"orientation.w": NAN}, "orientation not finite"),
-    ({"orientation_covariance.0": -1.0}, "no orientation in it"),
+    ({"orientation_covariance.0": -1.0}, "no orientation"),
     ({"orientation_covariance.8": 0.0}, "covariance is zero"),
     (BAD_STAMP, "stamp not normalised"),
 ]

@@ -75,7 +75,7 @@ class Run:
 
     def correlation(self):
         """Return the correlation of neighbouring errors that the filter found."""
-        return noise.correlation_after(self.row, 0.0)
+        return noise.assumed_correlation(self.row, 0.0)
 
     def scales(self):
         return np.array([noise.scale_of(self.row, False), noise.scale_of(self.row, True)])
@@ -96,16 +96,16 @@ class Straight:
         self.found = started(self.options)
         self.lost = np.zeros(2)
         """share of its motion that each wheel loses"""
-        self._numbers = ((rng.normal(0.0, SHARE, 2), rng.normal(0.0, SIGMA)) for _ in count())
+        self.noise = ((rng.normal(0.0, SHARE, 2), rng.normal(0.0, SIGMA)) for _ in count())
 
     def drive(self, steps, speed=0.6):
         """Return the deviations of the difference of the radius errors after the steps."""
         found = []
-        for _, (of_rims, error) in zip(range(steps), self._numbers, strict=False):
-            rims, real = speed * (1.0 + of_rims), speed * (1.0 - self.lost)
+        for _, (rim_noise, rate_noise) in zip(range(steps), self.noise, strict=False):
+            rims, real = speed * (1.0 + rim_noise), speed * (1.0 - self.lost)
             a, b = (SHARE * rims) ** 2 + 1e-8
             twist = rims.mean(), (rims[1] - rims[0]) / SEPARATION
-            rate = TurnRate((real[1] - real[0]) / SEPARATION + GYRO_BIAS + error, SIGMA**2)
+            rate = TurnRate((real[1] - real[0]) / SEPARATION + GYRO_BIAS + rate_noise, SIGMA**2)
             variances = 0.25 * (a + b), 0.5 * (b - a) / SEPARATION, (a + b) / SEPARATION**2
             motion = build_motion(*twist, 0.02, *variances, rate=rate)
             ekf.take_rate(self.found, self.options, motion)

@@ -1,1 +1,1 @@
-"""Conversions between messages and the values of the core."""
+"""Conversion of messages to values and of values to messages."""

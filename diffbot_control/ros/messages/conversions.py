@@ -1,4 +1,4 @@
-"""Messages that nodes create, and paths that they receive. A path that cannot be used raises BadMessageError."""
+"""Messages that nodes publish, and paths that they receive."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ from diffbot_core.geometry import Pose, quaternion_of_yaw
 
 try:
     from tf2_msgs.msg import TFMessage as TFMessage  # noqa: PLC0414
-except ImportError:  # no wheel contains tf2_msgs; then the nodes publish no TF, and log that once
+except ImportError:  # not available as a wheel; without it the nodes do not publish TF, and log this once
     TFMessage = None
 
 
 _MAX_POSE_BYTES = 256
-"""bytes of one pose in a message of a path: 72, and the name of its frame"""
+"""Largest size of one pose in a path [bytes]: 72, and the name of its frame."""
 
 
 def read_path(data: bytes) -> Path:
-    """Return a path, unless it is far too long: while a node reads it, it answers nothing else.
+    """Deserialise a path, unless it is far too long, since deserialisation blocks the node.
 
     Raises:
-        BadMessageError: if the path cannot be read, or is too long.
+        BadMessageError: if the path is too long or cannot be deserialised.
     """
     if len(data) > _MAX_POSE_BYTES * (MAX_PATH_POSES + 1):
         raise BadMessageError("path too long", f"{len(data)} bytes, at most {MAX_PATH_POSES} poses")
     try:
         return deserialize_message(data, Path)
-    except Exception as error:  # rclpy raises several types for bytes that are not a path
+    except Exception as error:  # rclpy raises several types of errors for bytes that are not a path
         raise BadMessageError("path cannot be read", " ".join(str(error).split())) from None
 
 
@@ -43,7 +43,7 @@ def path_from(path: Path, frame: str, transforms: Transforms = NO_TRANSFORMS) ->
     """Return the poses of a path in ``frame``; a pose without a frame has the frame and the time of the path.
 
     Raises:
-        BadMessageError: if the path is empty or has more than MAX_PATH_POSES poses, or one pose cannot be used.
+        BadMessageError: if the path is empty or has more than MAX_PATH_POSES poses, or a pose cannot be used.
     """
     header, length = path.header, len(path.poses)
     if not header.frame_id:
@@ -54,13 +54,16 @@ def path_from(path: Path, frame: str, transforms: Transforms = NO_TRANSFORMS) ->
         raise BadMessageError("path too long", f"{length} poses, at most {MAX_PATH_POSES}")
     last = LastTransform(lambda: transforms)
     if header.frame_id != frame:
-        # A wrong header refuses the path even if each pose has its own frame.
+        # The frame of the path must be valid even if each pose has its own frame.
         last.lookup(frame, header.frame_id, stamp_ns(header.stamp))
-    return [pose_in_frame(one.pose, one.header if one.header.frame_id else header, frame, last) for one in path.poses]
+    return [
+        pose_in_frame(stamped.pose, stamped.header if stamped.header.frame_id else header, frame, last)
+        for stamped in path.poses
+    ]
 
 
 def goal_message(pose: Pose, frame: str, nanoseconds: int) -> PoseStamped:
-    """Return a goal with this stamp [ns]."""
+    """Return a goal pose with this stamp [ns]."""
     message = PoseStamped(header=Header(frame_id=frame))
     set_stamp(message.header.stamp, nanoseconds)
     fill_pose(message.pose, pose)
@@ -68,21 +71,21 @@ def goal_message(pose: Pose, frame: str, nanoseconds: int) -> PoseStamped:
 
 
 def odometry_message(frame: str, child_frame: str) -> Odometry:
-    """Return an Odometry to fill again and again; z, roll and pitch, which are not estimated, have a huge variance."""
+    """Return an Odometry to be filled repeatedly, with a large variance of z, roll and pitch."""
     message = Odometry(header=Header(frame_id=frame), child_frame_id=child_frame)
     fill_unestimated(message.pose.covariance, message.twist.covariance)
     return message
 
 
 def pose_message(frame: str) -> PoseWithCovarianceStamped:
-    """Return a PoseWithCovarianceStamped to fill again and again."""
+    """Return a PoseWithCovarianceStamped to be filled repeatedly, with a large variance of z, roll and pitch."""
     message = PoseWithCovarianceStamped(header=Header(frame_id=frame))
     fill_unestimated(message.pose.covariance)
     return message
 
 
 def transform_message(stamp: int, parent: str, child: str, pose: Pose) -> Any:
-    """Return a TFMessage with one transform, the ``pose`` of ``child`` in ``parent``. It needs tf2_msgs."""
+    """Return a TFMessage with one transform: the pose of ``child`` in ``parent``. Requires tf2_msgs."""
     transform = TransformStamped(header=Header(frame_id=parent), child_frame_id=child)
     set_stamp(transform.header.stamp, stamp)
     transform.transform.translation.x = float(pose.x)

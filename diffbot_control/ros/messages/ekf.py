@@ -1,4 +1,4 @@
-"""Inputs of the ekf as values, and its diagnostic values, for the node and for recorded bags; free of ROS."""
+"""Inputs and diagnostic values of the ekf, for the node and for bags; this module does not import ROS."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import TwistCovariance, WheelSpeeds, body_twist, encoder_covariance
 
 WHEEL_NOISE = 0.05
-"""Bound of the relative error of each wheel speed; the errors of two messages are independent. For other encoders,
-``odometry_covariance_scale`` scales the square of this bound."""
+"""Bound of the relative error of each wheel speed; the errors of two messages are independent. The parameter
+``odometry_covariance_scale`` scales the resulting covariance."""
 _ERRORS = (
     "left wheel radius error",
     "right wheel radius error",
@@ -35,30 +35,30 @@ _ERRORS = (
     "landmark range scale error",
     "landmark bearing offset error",
 )
-"""Names of the states behind the pose."""
+"""Names of the errors in the order of the states."""
 
 
 class EkfInputs:
-    """Converts the inputs of the ekf, with the frames, the noise and the map of its configuration.
+    """Converts the inputs of the ekf to values.
 
     Every method raises BadMessageError for a message that cannot be used.
     """
 
     def __init__(self, config: EkfNodeConfig, transforms: Transforms = NO_TRANSFORMS) -> None:
-        """Store the configuration, and the transforms between the frames of the sensors and of the robot."""
+        """Store the configuration, and the transforms from the frames of the sensors to the frame of the robot."""
         self._config = config
         self._robot_frame = robot_frame(config)
-        self.sensors = {one.topic: one for one in sensors_of(config, transforms)}
-        """by topic, in the order in which their waiting messages are handled; the topics never change"""
-        # The user chooses the covariance of initialpose, so override_covariance does not apply; the fallback does.
+        self.sensors = {sensor.topic: sensor for sensor in sensors_of(config, transforms)}
+        """sensors by topic, in the order in which their waiting messages are handled"""
+        # The user chooses the covariance of initialpose, so override_covariance does not apply to it.
         self.initial_noise = global_pose_noise(config)._replace(always=False)
 
     def initialpose(self, message: Any) -> tuple[int, Pose, Array]:
-        """Return stamp [ns], pose and covariance (3, 3) at which to put the filter."""
+        """Return stamp [ns], pose and covariance (3, 3) of a message on ``initialpose``."""
         return stamped_pose(message, self._config.map_frame, self.initial_noise)
 
     def odometry(self, message: Any) -> OdometryStep:
-        """Return the step of an Odometry; an all-zero covariance means unknown, and the filter uses its own."""
+        """Return the step of an Odometry. An all-zero covariance means unknown, see :class:`OdometryConfig`."""
         check_frame(message.child_frame_id, self._robot_frame, "child_frame_id", "base_link_frame (and frame_prefix)")
         twist, covariance = twist_from(message.twist.twist), message.twist.covariance
         var_v, cov, var_omega = float(covariance[0]), float(covariance[5]), float(covariance[35])
@@ -67,7 +67,7 @@ class EkfInputs:
         return OdometryStep(measured_ns(message.header.stamp), twist, TwistCovariance(var_v, cov, var_omega))
 
     def joint_states(self, message: Any) -> OdometryStep | None:
-        """Return the step of a JointState; None if it has only other joints, such as those of an arm."""
+        """Return the step of a JointState; None if it contains only other joints, such as the joints of an arm."""
         wheels, left, right = self._config.wheels, self._config.left_wheel_name, self._config.right_wheel_name
         names, velocity = message.name, message.velocity
         if left not in names and right not in names:
@@ -75,7 +75,7 @@ class EkfInputs:
         try:
             speeds = WheelSpeeds(velocity[names.index(left)], velocity[names.index(right)])
         except (ValueError, IndexError):
-            remedy = "the driver has to publish the velocities of both wheels; else set odometry_source to odom"
+            remedy = "the driver has to publish the velocities of both wheels, or set odometry_source to odom"
             raise BadMessageError("wheel joints missing", f"no velocity of {left!r} and {right!r}: {remedy}") from None
         check_numbers(speeds, MAX_SPEED, "wheel speed")
         stamp = measured_ns(message.header.stamp)
@@ -84,28 +84,28 @@ class EkfInputs:
 
 def localization_values(localization: Localization) -> dict[str, str]:
     """Return key-value pairs for a diagnostic status: consistency, counts, estimated errors with their deviations."""
-    found, consistency = {}, localization.consistency()
+    values, consistency = {}, localization.consistency()
     if consistency:
         numbers = sum(one.numbers for one in consistency.values())
         mean = sum(one.nis * one.numbers for one in consistency.values()) / numbers
-        found["NIS per number"] = f"{mean:.3f}"
-        found["NIS 95 % bounds"] = "{:.3f} {:.3f}".format(*nis_bounds(numbers))
+        values["NIS per number"] = f"{mean:.3f}"
+        values["NIS 95 % bounds"] = "{:.3f} {:.3f}".format(*nis_bounds(numbers))
     for name, one in consistency.items():
-        found[f"NIS per number of {name}"] = f"{one.nis:.3f}"
+        values[f"NIS per number of {name}"] = f"{one.nis:.3f}"
         if one.autocorrelation is not None:
-            found[f"autocorrelation of {name}"] = f"{one.autocorrelation:.3f}"
-            found[f"autocorrelation of {name}, 95 % bound"] = f"{one.bound:.3f}"
+            values[f"autocorrelation of {name}"] = f"{one.autocorrelation:.3f}"
+            values[f"autocorrelation of {name}, 95 % bound"] = f"{one.bound:.3f}"
         if localization.options.finds_noise or localization.options.fuzzy:
-            found[f"correlation of neighbouring {name} assumed"] = f"{one.assumed:.2f}"
-            found[f"variances of {name} over claimed ones"] = "{:.2f} {:.2f}".format(*one.scale)
+            values[f"correlation of neighbouring {name} assumed"] = f"{one.assumed:.2f}"
+            values[f"variances of {name} over claimed ones"] = "{:.2f} {:.2f}".format(*one.scale)
     for name, counts in localization.outcomes.items():
         if counts[WEIGHED]:
-            found[f"{name} weighed"] = str(counts[WEIGHED])
+            values[f"{name} weighed"] = str(counts[WEIGHED])
         if counts[REJECTED] or counts[RELOCATED] or name == FIXES:
-            found[f"{name} rejected"] = str(counts[REJECTED])
-            found[f"relocations by {name}"] = str(counts[RELOCATED])
+            values[f"{name} rejected"] = str(counts[REJECTED])
+            values[f"relocations by {name}"] = str(counts[RELOCATED])
     x, P = localization.filter.x, localization.filter.P
     for at, (name, variance) in enumerate(zip(_ERRORS, localization.options.variances, strict=True), 3):
         if variance > 0.0:
-            found[name] = f"{x[at]:+.4f} +- {math.sqrt(max(P[at, at], 0.0)):.4f}"
-    return found
+            values[name] = f"{x[at]:+.4f} +- {math.sqrt(max(P[at, at], 0.0)):.4f}"
+    return values

@@ -1,6 +1,6 @@
-"""Fields of messages to values and back; a message that cannot be used raises BadMessageError.
+"""Conversion of fields of messages to values and back; fields that cannot be used raise BadMessageError.
 
-Free of ROS: a message is anything with the fields of its type, from rclpy or decoded from a bag.
+This module does not import ROS: a message is any object with the fields of its type, from rclpy or from a bag.
 """
 
 from __future__ import annotations
@@ -20,23 +20,23 @@ from diffbot_core.stamps import NS_PER_S
 from diffbot_core.uncertainty import Uncertainty
 
 MAX_SPEED = 1e4
-"""[m/s], [rad/s] a larger speed is an error."""
+"""[m/s], [rad/s] largest valid speed"""
 
 _MAX_SECONDS = 2.0**31 - 1.0
 
-# Places of (x, y, yaw) in the row-major 6 x 6 covariance of REP-103's (x, y, z, roll, pitch, yaw).
+# Indices of (x, y, yaw) in the row-major 6 x 6 covariance of REP-103's (x, y, z, roll, pitch, yaw).
 _PLANAR = np.array([0, 1, 5, 6, 7, 11, 30, 31, 35])
 
 
 def stamp_ns(stamp: Any) -> int:
-    """Return a stamp as nanoseconds; answers copy it, so :func:`set_stamp` must be able to write it."""
+    """Return a stamp in nanoseconds."""
     if stamp.nanosec >= NS_PER_S:
-        raise BadMessageError("stamp not normalised", f"{stamp.nanosec} ns")
+        raise BadMessageError("stamp not normalised", f"nanosec is {stamp.nanosec}, not below 1000000000")
     return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
 
 
 def measured_ns(stamp: Any) -> int:
-    """Return the stamp of a measurement as nanoseconds; a stamp of zero, which gives no time, is an error."""
+    """Return the stamp of a measurement in nanoseconds. A stamp of zero is an error, since the time is unknown."""
     nanoseconds = stamp_ns(stamp)
     if nanoseconds == 0:
         raise BadMessageError("stamp is zero", "the driver has to fill header.stamp with the time of the measurement")
@@ -49,20 +49,27 @@ def set_stamp(stamp: Any, nanoseconds: int) -> None:
 
 
 def fill_duration(duration: Any, seconds: float) -> None:
-    """Write a time [s] into a Duration in place, clipped to the range of the message."""
+    """Write a duration [s] into a Duration in place, clipped to the range of the message."""
     nanoseconds = round(min(max(seconds, 0.0), _MAX_SECONDS) * NS_PER_S)
     duration.sec, duration.nanosec = divmod(nanoseconds, NS_PER_S)
 
 
 def check_frame(frame: str, expected: str, field: str = "frame_id", parameter: str = "") -> None:
-    """Refuse a frame other than ``expected``; ``field`` names it in the error, ``parameter`` sets ``expected``."""
+    """Refuse a frame other than ``expected``.
+
+    Args:
+        frame: frame of the message.
+        expected: required frame.
+        field: name of the field for the error text.
+        parameter: name of the parameter that sets ``expected``, for the error text.
+    """
     if frame != expected:
         remedy = f": set {parameter} of all nodes to it, or correct the driver" if parameter and frame else ""
         raise BadMessageError(f"wrong {field}", f"{frame[:80]!r}, not {expected!r}{remedy}")
 
 
 def check_numbers(numbers: Iterable[float], limit: float, what: str) -> None:
-    """Refuse numbers that are not finite or exceed ``limit``; ``what`` names them in the error."""
+    """Refuse numbers that are not finite or exceed ``limit`` in size; ``what`` names them in the error text."""
     for number in numbers:
         if not -limit <= number <= limit:
             kind = f"{what} out of range" if math.isfinite(number) else f"{what} not finite"
@@ -70,13 +77,14 @@ def check_numbers(numbers: Iterable[float], limit: float, what: str) -> None:
 
 
 def yaw_of(orientation: Any) -> float:
-    """Return the yaw [rad] of an orientation, whose squared length may differ from 1 by 0.1, as when typed by hand."""
+    """Return the yaw [rad] of an orientation."""
     x, y, z, w = orientation.x, orientation.y, orientation.z, orientation.w
     square = x * x + y * y + z * z + w * w
     if not math.isfinite(square):
         raise BadMessageError("orientation not finite")
+    # Quaternions that users type by hand are rounded.
     if not 0.9 <= square <= 1.1:
-        raise BadMessageError("orientation is no unit quaternion", f"squared length {square:g}")
+        raise BadMessageError("orientation is not a unit quaternion", f"squared length {square:g}")
     return yaw_of_quaternion(x, y, z, w)
 
 
@@ -93,7 +101,7 @@ def planar_covariance(covariance: Any) -> Array:
 
 
 def planar_block(covariance: Any) -> Array:
-    """Return the (3, 3) covariance of x, y, yaw without a check."""
+    """Return the unchecked (3, 3) covariance of x, y, yaw from the 36 numbers of a pose covariance."""
     block: Array = np.asarray(covariance, dtype=float)[_PLANAR].reshape(3, 3)
     return block
 
@@ -102,12 +110,12 @@ def pose_from(message: Any, frame: str, child_frame: str) -> tuple[int, Pose, Un
     """Return stamp [ns], pose and uncertainty of an estimate; the uncertainty is None if the covariance is all zero.
 
     Args:
-        message: PoseWithCovarianceStamped or Odometry. Its covariance of x, y and yaw counts, and not its twist.
+        message: PoseWithCovarianceStamped or Odometry.
         frame: required frame.
         child_frame: required child frame of an Odometry.
 
     Raises:
-        BadMessageError: if a frame differs, or the stamp, the pose or the covariance cannot be used.
+        BadMessageError: if a frame differs, or the stamp, the pose or its planar covariance cannot be used.
     """
     check_frame(message.header.frame_id, frame)
     if hasattr(message, "child_frame_id"):
@@ -133,23 +141,23 @@ def fill_pose(message: Any, pose: Pose) -> None:
 
 
 def pose_in_message(pose: Pose) -> Pose:
-    """Return ``pose`` as it is after :func:`fill_pose` and :func:`pose_of`: the yaw is rounded by the quaternion."""
+    """Return ``pose`` as a subscriber reads it from a message, where the quaternion rounds the yaw."""
     z, w = quaternion_of_yaw(pose.theta)
     return Pose(pose.x, pose.y, yaw_of_quaternion(0.0, 0.0, z, w))
 
 
 def fill_yaw(orientation: Any, yaw: float) -> None:
-    """Write a rotation by ``yaw`` [rad] about z in place; x and y have to be 0 already."""
+    """Write a rotation by ``yaw`` [rad] about z in place; x and y must already be 0."""
     orientation.z, orientation.w = quaternion_of_yaw(float(yaw))
 
 
 def fill_planar_covariance(covariance: Any, P: Array) -> None:
-    """Write a (3, 3) covariance of x, y, yaw into the 36 numbers of a message; other entries stay."""
+    """Write a (3, 3) covariance of x, y, yaw into the 36 numbers of a message; the other numbers stay."""
     covariance[_PLANAR] = P.reshape(9)
 
 
 def fill_twist(message: Any, twist: Twist) -> None:
-    """Write ``twist`` into a message in place."""
+    """Write ``twist`` into a geometry_msgs/Twist in place."""
     message.linear.x = float(twist.v)
     message.angular.z = float(twist.omega)
 
@@ -161,7 +169,7 @@ def fill_twist_covariance(covariance: Any, M: TwistCovariance) -> None:
 
 
 def fill_unestimated(pose_covariance: Any, twist_covariance: Any | None = None) -> None:
-    """Write the constants of both covariances (36,): z, roll and pitch are unknown, and no motion is sideways."""
+    """Write the constants of pose and twist covariances (36,): z, roll and pitch are unknown, and vy is 0."""
     pose_covariance[[14, 21, 28]] = 1e6
     if twist_covariance is not None:
         twist_covariance[[14, 21, 28]] = 1e6

@@ -1,9 +1,9 @@
-"""Landmarks in a sensor_msgs/PointCloud2, read and written; free of ROS: a message is anything with its fields.
+"""Landmark measurements in a sensor_msgs/PointCloud2, read and written; this module does not import ROS.
 
-A point has ``x`` and ``y`` [m] in the frame of the robot (float32 or float64) and the landmark's number ``id`` (an
-integer), and may have ``range_variance`` [m^2] and ``bearing_variance`` [rad^2]; other fields are ignored. A variance
-that is NaN or infinite marks a number that was not measured: a range alone comes as a point in any direction, a bearing
-alone as a point at any distance.
+A point has the fields ``x`` and ``y`` [m] in the frame of the robot (float32 or float64) and ``id`` (any integer type).
+The fields ``range_variance`` [m^2] and ``bearing_variance`` [rad^2] are optional; other fields are ignored. A variance
+of NaN or infinity means that the range or the bearing was not measured: a range alone is a point in any direction, a
+bearing alone a point at any distance.
 """
 
 from __future__ import annotations
@@ -17,37 +17,38 @@ from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import MAX_COORDINATE
 
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
-"""numpy's names of the data types of a sensor_msgs/PointField"""
+"""NumPy names of the data types of a sensor_msgs/PointField."""
 _MAX_POINTS, _MAX_POINT_STEP = 100, 65536
-"""Number of points in one message, bytes of a point; a larger cloud does not hold landmarks."""
+"""Largest number of points and largest size of a point [bytes]; a larger cloud does not contain landmarks."""
 _WRITTEN = np.dtype(
     [(name, "<f4") for name in ("x", "y", "z")]
     + [("id", "<i4"), ("range_variance", "<f4"), ("bearing_variance", "<f4")]
 )
-"""Layout of published clouds: RViz displays points with z in single precision."""
+"""Layout of published clouds. RViz requires x, y and z in single precision."""
 
 
 class LandmarkPoint(NamedTuple):
     """One point of a cloud."""
 
     number: int
+    """id of the landmark"""
     range: float
     """[m]"""
     bearing: float
     """[rad]"""
     var_range: float
-    """[m^2]; 0: unknown; not finite: there is no range"""
+    """[m^2]; 0: unknown variance; not finite: the range was not measured"""
     var_bearing: float
-    """[rad^2]; 0: unknown; not finite: there is no bearing"""
+    """[rad^2]; 0: unknown variance; not finite: the bearing was not measured"""
 
 
 def landmark_points(message: Any) -> list[LandmarkPoint]:
     """Read the points of a cloud.
 
     Raises:
-        BadMessageError: if the cloud does not have the fields above, its sizes contradict each other, it has more than
-            100 points or one landmark twice, or a coordinate is not finite, a variance negative, or a range not
-            positive or beyond MAX_COORDINATE.
+        BadMessageError: if the cloud does not have the required fields, its sizes contradict each other, it has more
+            than 100 points or two points of one landmark, a coordinate is not finite, a variance is negative, or a
+            range is 0 or larger than MAX_COORDINATE.
     """
     count = message.width * message.height
     if count > _MAX_POINTS:
@@ -73,7 +74,7 @@ def landmark_points(message: Any) -> list[LandmarkPoint]:
 
 
 def _structured(message: Any, count: int) -> Any:
-    """View the data as a structured array (count,)."""
+    """Return the data as a structured array (count,) with the accepted fields."""
     order = ">" if message.is_bigendian else "<"
     accepted = {"x": "f", "y": "f", "id": "iu", "range_variance": "f", "bearing_variance": "f"}
     if message.point_step > _MAX_POINT_STEP:
@@ -102,9 +103,9 @@ def fill_landmark_points(message: Any, points: list[LandmarkPoint], field_type: 
     """Write landmarks into a cloud in place.
 
     Args:
-        message: the cloud; its header stays.
-        points: the measured landmarks.
-        field_type: sensor_msgs/PointField.
+        message: PointCloud2 whose header is not changed.
+        points: measurements to write.
+        field_type: class sensor_msgs/PointField.
     """
     rows = [
         (r * math.cos(bearing), r * math.sin(bearing), 0.0, number, var_r, var_bearing)

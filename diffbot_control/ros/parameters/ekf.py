@@ -1,4 +1,4 @@
-"""Parameters of the node ``ekf``; the names are those of robot_localization where the meaning is the same."""
+"""Parameters of the node ``ekf``; parameters that also exist in robot_localization have the same names."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from diffbot_core.parameter_groups import FaultConfig, LifecycleConfig
 from diffbot_core.schema import TIMEOUT, Spec
 
 _TOPICS = ("global_pose", "heading", "imu", "landmarks", "initialpose", "odom", "joint_states", "detected_dock_pose")
-"""Inputs whose topics are fixed."""
+"""Inputs with fixed topics."""
 
 
 class SensorNoise(NamedTuple):
@@ -61,10 +61,10 @@ class SensorNoise(NamedTuple):
     ] = False
 
     def check(self) -> None:
-        """Refuse standard deviations that are too small for the filter.
+        """Check the standard deviations.
 
         Raises:
-            InvalidValueError: if one is neither 0 nor at least 1e-4.
+            InvalidValueError: if a deviation is neither 0 nor at least 1e-4, so that the filter would be inaccurate.
         """
         for name in ("global_pose_sigma_xy", "global_pose_sigma_yaw", "heading_sigma", "gyro_sigma"):
             if 0.0 < getattr(self, name) < MIN_SIGMA:
@@ -89,7 +89,7 @@ class EkfNodeConfig(NamedTuple):
     state_file: Annotated[
         str,
         Spec(
-            "file that keeps pose and wheel errors across a restart, relative to the working folder; empty: no file",
+            "file for pose and estimated errors, which survive a restart; relative to the working folder; empty: none",
             read_only=True,
         ),
     ] = ""
@@ -98,8 +98,8 @@ class EkfNodeConfig(NamedTuple):
     sensor_timeout: Annotated[
         float,
         Spec(
-            "time without odometry after which the node reports silence; "
-            "the twist after a longer gap acts for this time only",
+            "time without odometry after which the node reports it; "
+            "after a longer gap, the twist moves the estimate for this time only",
             "s",
             *TIMEOUT,
         ),
@@ -112,7 +112,7 @@ class EkfNodeConfig(NamedTuple):
     transform_tolerance: Annotated[
         float,
         Spec(
-            "how far map -> odom is stamped into the future, which is how long it is valid",
+            "time by which map -> odom is stamped into the future, which is how long it is valid",
             "s",
             minimum=0.0,
             maximum=60.0,
@@ -124,10 +124,10 @@ class EkfNodeConfig(NamedTuple):
     faults: FaultConfig = FaultConfig()
 
     def check(self) -> None:
-        """Refuse two inputs on one topic.
+        """Check that no two inputs have the same topic.
 
         Raises:
-            InvalidValueError: if a further source of fixes has the topic of another input.
+            InvalidValueError: if one of ``pose_sources`` is the topic of another input.
         """
         topics = self.localization.sources.pose_sources
         if twice := sorted(set(_TOPICS).intersection(topics)):

@@ -1,4 +1,4 @@
-"""Whole drives: all sensors late, wrong and biased at once; fixes that contradict the odometry; hostile numbers."""
+"""Whole drives: all sensors at once, fixes that contradict the odometry, and measurements of extreme size."""
 
 import math
 
@@ -10,15 +10,15 @@ from filter_runs import build_motion, covariance, fix, options, reading, started
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from diffbot_control.filter import contradiction, ekf, models, noise, state
+from diffbot_control.filter import contradiction, ekf, models, noise
 from diffbot_control.filter.config import FilterConfig
 from diffbot_control.filter.contradiction import FROZEN, RELOCATING
 from diffbot_control.filter.measurement import LANDMARKS
 from diffbot_core.geometry import Pose
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_with_everything_switched_on_the_estimate_is_finite_honest_and_near(seed):
+@pytest.mark.parametrize("seed", range(2))
+def test_with_all_sensors_late_biased_and_with_outliers_the_estimate_is_accurate_and_consistent(seed):
     nees, errors = [], []
     for found, estimate, robot in all_sensors(seed, 60.0):
         P = found.filter.P
@@ -36,23 +36,21 @@ def test_with_everything_switched_on_the_estimate_is_finite_honest_and_near(seed
     assert found.outcomes[LANDMARKS][ekf.WEIGHED] > 10
     assert found.outcomes["fixes"][ekf.REJECTED] > 2
     assert found.contradiction.cause == ""
-    # Each source has a noise of its own: the errors of the GPS last, 0.9^3 of them from fix to fix.
+    # Only the errors of the GPS are time-correlated, by 0.9^3 from fix to fix.
     sources = found.consistency()
     assert sources.pop("fixes of gps").assumed == pytest.approx(0.9**3, abs=0.12)
     assert all(one.assumed == 0.0 and one.nis == pytest.approx(1.0, abs=0.3) for one in sources.values())
 
 
-@pytest.mark.parametrize("factor", [0.1, 100.0])
-@pytest.mark.parametrize("which", [(True, False), (False, True), (True, True)])
-def test_the_fuzzy_rules_recover_a_wrong_r(factor, which):
-    scales = np.where(which, factor, 1.0)
+@pytest.mark.parametrize("scales", [(0.1, 0.1), (100.0, 1.0), (1.0, 100.0)])
+def test_the_fuzzy_rules_correct_a_wrong_r(scales):
     run = Run("fixes", 0.0, 1, scales, filter="ekf_fnn", gate_probability=1.0)
     assert np.abs(np.log(run.scales() / scales)).max() < math.log(2.0)
     assert run.row[noise.TIME] == 0.0
 
 
 @pytest.mark.parametrize(("fault", "every"), [*((fault, 1) for fault in FAULTS), ("frozen", 2)])
-def test_fixes_that_contradict_the_odometry_are_found_while_driving(fault, every):
+def test_fixes_that_contradict_the_odometry_are_detected_within_20_s(fault, every):
     story = with_fault(40.0, FAULTS[fault], every=every)
     time, cause = next((time, made.contradiction.cause) for time, made in story if made.contradiction.cause)
     assert cause == (FROZEN if fault == "frozen" else RELOCATING)
@@ -65,7 +63,7 @@ def test_noise_outliers_and_a_kidnapping_are_no_contradiction(outliers):
     assert {made.contradiction.cause for _, made in story} == {""}
 
 
-def test_a_contradiction_ends_after_a_minute_of_rest_or_by_a_pose_set_by_hand():
+def test_a_contradiction_ends_after_a_minute_of_rest_or_by_initialise():
     story = [made.contradiction.cause for _, made in with_fault(100.0, FAULTS["turned by pi"], rest_after=5.0)]
     began = story.index(RELOCATING)
     assert story[-1] == ""
@@ -80,7 +78,7 @@ def test_a_contradiction_ends_after_a_minute_of_rest_or_by_a_pose_set_by_hand():
     ("seconds", "cause"),
     [((0, 20, 48, 40, 44), RELOCATING), ((0, 20, 40, 44), ""), ((40, 44, 51), ""), ((1, 2, 3), RELOCATING)],
 )
-def test_three_relocations_within_ten_seconds_are_a_contradiction_in_any_order(seconds, cause):
+def test_three_relocations_within_ten_seconds_are_a_contradiction(seconds, cause):
     memory = contradiction.NONE
     for second in seconds:
         memory = contradiction.with_relocation(memory, second * 10**9)
@@ -93,7 +91,7 @@ CONFIGS = [config for _, config in extreme_configs(FilterConfig, 3, 100)]
 
 
 def event(rng, kind, time):
-    """A motion or a measurement with numbers of very different sizes."""
+    """Return a motion or a measurement with numbers of very different sizes."""
     sized = lambda low, high: rng.choice([-1.0, 1.0], 2) * 10.0 ** rng.uniform(low, high, 2)  # noqa: E731
     angle = rng.uniform(-math.pi, math.pi)
     if kind == "drive":
@@ -104,7 +102,7 @@ def event(rng, kind, time):
     if kind == "landmark":
         R = covariance(rng, 2, 1e-3, 10.0)
         return reading(models.LANDMARK, [10.0 ** rng.uniform(-3, 2), angle], R, time, sized(-3, 2), 3)
-    # The smallest deviation of a singular one is a ten-thousandth of the largest.
+    # The smallest deviation of a nearly singular R is a ten-thousandth of the largest.
     R = covariance(rng, 3, *((1e-4, 1.0) if kind == "singular" else (1e-2, 10.0)))
     return fix(*sized(-3, 7 if kind == "huge" else 2), angle, R, time)
 
@@ -125,7 +123,7 @@ def test_the_state_stays_finite_symmetric_and_positive_definite(events, config):
             outcome = ekf.take(found, numbers, one)
             assert config.gate_probability < 1.0 or outcome in (ekf.ACCEPTED, ekf.IGNORED)
             if outcome == ekf.REJECTED:
-                np.testing.assert_array_equal(state.views(before, numbers.size, 3).x, found.x)
+                np.testing.assert_array_equal(before[: numbers.size], found.x)
             last = one if models.is_fix(one.kind) else last
         for x, P in ((found.x, found.P), (found.candidate, found.candidate_P))[: 1 + int(found.gate[4])]:
             assert np.isfinite(found.memory).all()

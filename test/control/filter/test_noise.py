@@ -1,10 +1,10 @@
-"""What measurements say about their own noise: simulated errors of known size and correlation, and plain means."""
+"""Noise statistic of a source: scale and correlation of simulated errors, and the mean NIS and autocorrelation."""
 
 import math
 
 import numpy as np
 import pytest
-from filter_drives import DT, Run, markov
+from filter_drives import DT, Run
 from filter_runs import R_FIX, build_motion, fix, options, reading, started
 from scipy.linalg import solve_toeplitz
 from scipy.stats import binom, chi2, norm
@@ -16,97 +16,54 @@ from diffbot_control.filter.models import POSITION_FIX
 from diffbot_core.geometry import Pose
 
 
-def statistic(rng, c):
-    """Return the row of a source of which 200 pairs of errors are known, without a filter."""
-    row, errors = np.zeros(noise.COLUMNS), markov(rng, c, 3)
-    noise.clear(row)
-    before = next(errors)
-    for _ in range(200):
-        y = next(errors)
-        columns = 0.5 * (y - before) ** 2, 0.0 * y, y * before, y**2, np.ones(3)
-        noise.learn(row, np.array([[one[:2].sum() for one in columns], [one[2] for one in columns]]), DT)
-        before = y
-    noise.find(row)
-    return row
-
-
-@pytest.mark.parametrize("c", [0.5, 0.8, 0.95])
-def test_the_correlation_is_found_within_the_deviation_of_an_estimate_from_so_many_errors(c):
-    rng = np.random.default_rng(1)
-    rows = [statistic(rng, c) for _ in range(40)]
-    found, deviation = [noise.correlation_after(row, 0.0) for row in rows], math.sqrt((1.0 - c * c) / 600.0)
-    np.testing.assert_allclose([row[noise.TIME] for row in rows], -DT / np.log(found))
-    assert np.std(found) < 1.5 * deviation
-    assert np.mean(found) == pytest.approx(c, abs=4.0 * deviation / math.sqrt(40) + (1.0 + 3.0 * c) / 600.0)
-
-
-def test_of_white_errors_of_the_right_size_no_more_scales_and_correlations_are_found_than_by_chance():
-    rng = np.random.default_rng(2)
-    rows = np.array([statistic(rng, 0.0) for _ in range(150)])
-    assert (rows[:, noise.TIME] > 0.0).sum() <= binom.ppf(0.999, 150, norm.sf(2.0))
-    assert (rows[:, [noise.SCALE, noise.CHANNEL + noise.SCALE]] != 1.0).sum() <= binom.ppf(
-        0.999, 300, 2.0 * norm.sf(3.0)
-    )
-
-
 @pytest.mark.parametrize("c", [0.3, 0.6, 0.9])
-def test_right_means_give_the_correlation(c):
-    def found(difference, motion, product, pairs=200.0):
-        row = np.zeros(noise.COLUMNS)
-        row[: noise.CHANNEL] = row[noise.CHANNEL : 2 * noise.CHANNEL] = (
-            difference,
-            motion,
-            product,
-            1.0,
-            pairs,
-            pairs,
-            1.0,
-        )
+def test_the_correlation_follows_from_the_means_of_differences_and_products(c):
+    def estimated(difference, motion, product, pairs=200.0):
+        row, means = np.zeros(noise.COLUMNS), (difference, motion, product, 1.0, pairs, pairs, 1.0)
+        row[: noise.CHANNEL] = row[noise.CHANNEL : 2 * noise.CHANNEL] = means
         row[noise.PERIOD] = DT
-        noise.find(row)
-        return noise.correlation_after(row, 0.0)
+        noise.update_scale_and_time(row)
+        return noise.assumed_correlation(row, 0.0)
 
-    # Of noise with variance R: half the squared difference 1 - c, the product of neighbours c.
-    assert found(1.0 - c, 0.0, c) == pytest.approx(c)
-    assert found(1.0 - c + 0.1, 0.1, c) == pytest.approx(c)
-    assert found(0.1 * (1.0 - c), 0.0, 0.1 * c) == pytest.approx(c), "R claimed ten times as large"
-    assert found(1.0 - c, 0.0, 0.0) == 0.0, "white fixes of too large a claimed R"
-    assert found(1.0, 0.0, c) == 0.0, "a drift"
-    assert found(1.0 - c, 0.0, c, 1.0) == 0.0, "too few"
+    # For errors of variance R, half the squared difference has the mean 1 - c and the product the mean c.
+    assert estimated(1.0 - c, 0.0, c) == pytest.approx(c)
+    assert estimated(1.0 - c + 0.1, 0.1, c) == pytest.approx(c)
+    assert estimated(0.1 * (1.0 - c), 0.0, 0.1 * c) == pytest.approx(c), "the claimed R is ten times too large"
+    assert estimated(1.0 - c, 0.0, 0.0) == 0.0, "the errors are white, and the claimed R is too large"
+    assert estimated(1.0, 0.0, c) == 0.0, "the estimate drifts"
+    assert estimated(1.0 - c, 0.0, c, 1.0) == 0.0, "there is one pair only"
 
 
-@pytest.mark.parametrize(("position", "angle"), [(10.0, 1.0), (1.0, 10.0), (0.1, 0.1), (0.1, 10.0)])
-def test_too_small_a_claim_of_white_fixes_is_found_for_position_and_heading_apart_and_too_large_a_one_left(
-    position, angle
-):
+@pytest.mark.parametrize(("position", "angle"), [(10.0, 1.0), (1.0, 10.0), (0.1, 10.0)])
+def test_a_scale_above_1_is_estimated_for_position_and_heading_separately(position, angle):
     runs = [Run("fixes", 0.0, seed, (position, angle), 0.01, gate_probability=1.0) for seed in range(8)]
-    found = np.exp(np.mean([np.log(one.scales()) for one in runs], axis=0))
-    # Neighbours share a number: the mean of 200 has a deviation of 12 %, that of eight runs 4 %.
-    np.testing.assert_allclose(found, (max(position, 1.0), max(angle, 1.0)), rtol=0.15)
-    assert sum(one.correlation() > 0.0 for one in runs) <= binom.ppf(0.999, 8, norm.sf(2.0))
+    estimated = np.exp(np.mean([np.log(run.scales()) for run in runs], axis=0))
+    # Neighbouring pairs share a measurement: the mean of 200 has a deviation of 12 %, the mean of eight runs 4 %.
+    np.testing.assert_allclose(estimated, (max(position, 1.0), max(angle, 1.0)), rtol=0.15)
+    assert sum(run.correlation() > 0.0 for run in runs) <= binom.ppf(0.999, 8, norm.sf(2.0))
 
 
-def test_white_fixes_of_the_right_size_leave_the_filter_as_it_is():
+def test_white_fixes_with_the_right_covariance_change_the_noise_only_by_chance():
     runs = [Run("fixes", 0.0, seed) for seed in range(20)]
-    assert sum(one.correlation() > 0.0 for one in runs) <= binom.ppf(0.999, 20, norm.sf(2.0))
-    assert sum((one.scales() != 1.0).any() for one in runs) <= binom.ppf(0.999, 20, 4.0 * norm.sf(3.0))
-    assert np.mean([one.nees for one in runs]) == pytest.approx(3.0, abs=0.6)
+    assert sum(run.correlation() > 0.0 for run in runs) <= binom.ppf(0.999, 20, norm.sf(2.0))
+    assert sum((run.scales() != 1.0).any() for run in runs) <= binom.ppf(0.999, 20, 4.0 * norm.sf(3.0))
+    assert np.mean([run.nees for run in runs]) == pytest.approx(3.0, abs=0.6)
 
 
-def test_what_was_corrected_with_too_small_an_r_is_inflated_when_that_is_found():
+def test_past_corrections_with_too_small_a_covariance_are_compensated_when_the_scale_increases():
     numbers, rng = options(filter="ekf", gate_probability=1.0), np.random.default_rng(2)
     found = started(numbers, P=1e6 * R_FIX)
     for step in range(100):
         x, y, theta = math.sqrt(10.0) * np.sqrt(R_FIX.diagonal()) * rng.normal(size=3)
         ekf.take(found, numbers, fix(x, y, theta, time=0.2 * step))
-    # The mean of 100 fixes of ten times R. If the first ones counted ten times as much, it would be 0.53 of that.
+    # Expected: the variance of the mean of 100 fixes of covariance 10 R. Without compensation it is 0.53 of this.
     assert 0.9 < found.P[0, 0] / (10.0 * R_FIX[0, 0] / 100.0) < 1.7
 
 
-def test_landmarks_are_never_scaled_below_1_but_above():
+def test_the_scale_of_landmarks_is_never_below_1():
     assert (Run("landmarks", 0.0, 0, (0.1, 0.1)).scales() == 1.0).all()
-    found = Run("landmarks", 0.0, 0, (10.0, 4.0), gate_probability=1.0).scales()
-    np.testing.assert_allclose(found, (10.0, 4.0), rtol=0.3)
+    scales = Run("landmarks", 0.0, 0, (10.0, 4.0), gate_probability=1.0).scales()
+    np.testing.assert_allclose(scales, (10.0, 4.0), rtol=0.3)
 
 
 @pytest.mark.study
@@ -114,17 +71,17 @@ def test_landmarks_are_never_scaled_below_1_but_above():
     ("kind", "c", "seeds", "within"),
     [("fixes", 0.5, 8, 0.05), ("fixes", 0.9, 8, 0.05), ("fixes", 0.98, 8, 0.05), ("landmarks", 0.93, 2, 0.03)],
 )
-def test_the_covariance_is_honest_with_errors_that_last(kind, c, seeds, within):
-    runs, blind = ([Run(kind, c, seed, detect_correlation=on) for seed in range(seeds)] for on in (True, False))
-    nees, without = (np.mean([one.nees for one in which]) for which in (runs, blind))
+def test_the_covariance_is_consistent_for_time_correlated_errors(kind, c, seeds, within):
+    runs, without = ([Run(kind, c, seed, detect_correlation=on) for seed in range(seeds)] for on in (True, False))
+    nees, nees_without = (np.mean([run.nees for run in some]) for some in (runs, without))
     assert 1.0 < nees < 5.0
-    assert without > 2.0 * nees
-    rmse, rmse_blind = (math.sqrt(np.mean([one.squares for one in which])) for which in (runs, blind))
-    assert rmse < 1.05 * rmse_blind
-    assert np.mean([one.correlation() for one in runs]) == pytest.approx(c, abs=within)
+    assert nees_without > 2.0 * nees
+    rmse, rmse_without = (math.sqrt(np.mean([run.squares for run in some])) for some in (runs, without))
+    assert rmse < 1.05 * rmse_without
+    assert np.mean([run.correlation() for run in runs]) == pytest.approx(c, abs=within)
 
 
-def test_a_source_that_repeats_its_value_is_not_taken_for_a_precise_one():
+def test_repeated_values_do_not_make_a_source_precise():
     numbers = options(filter="ekf")
     found = started(numbers)
     for step in range(100):
@@ -134,20 +91,20 @@ def test_a_source_that_repeats_its_value_is_not_taken_for_a_precise_one():
     assert np.linalg.inv(found.P)[0, 0] <= 101.0 / R_FIX[0, 0]
 
 
-def test_what_was_found_survives_a_new_pose_but_no_reset():
+def test_the_noise_statistic_survives_a_new_pose_but_not_a_reset():
     run = Run("fixes", 0.9, 0)
-    learnt = run.row[: noise.NIS].copy()
+    before = run.row[: noise.NIS].copy()
     state.start(run.found, Pose(9.0, 9.0, 0.0), R_FIX)
-    np.testing.assert_array_equal(run.row[: noise.NIS], learnt)
+    np.testing.assert_array_equal(run.row[: noise.NIS], before)
     assert not run.row[noise.NIS :].any()
-    # The first fix after that has no partner: it is not taken for a jump of the error.
+    # The first fix after the new pose does not form a pair with the fix before.
     ekf.take(run.found, run.options, fix(9.0, 9.0, time=99.0))
     assert run.row[noise.WHITENESS_NUMBERS] == 0.0
     state.reset(run.found, run.options)
     assert (run.correlation(), run.scales().tolist()) == (0.0, [1.0, 1.0])
 
 
-def test_with_a_known_time_neither_scale_nor_correlation_is_sought_and_r_is_that_of_the_long_run():
+def test_with_a_known_correlation_time_r_is_inflated_by_it_and_nothing_is_estimated():
     run, c = Run("fixes", 0.9, 0, correlation_times=(2.0,)), math.exp(-0.7 / 2.0)
     assert (run.scales().tolist(), run.row[noise.TIME]) == ([1.0, 1.0], 0.0)
     found = started(run.options)
@@ -155,18 +112,12 @@ def test_with_a_known_time_neither_scale_nor_correlation_is_sought_and_r_is_that
     P = found.P.copy()
     ekf.take(found, run.options, fix(0.0, time=1.7))
     np.testing.assert_allclose(found.P, P - P @ np.linalg.inv(P + R_FIX * (1.0 + c) / (1.0 - c)) @ P, atol=1e-12)
-
-
-@pytest.mark.parametrize("detect", [True, False])
-def test_with_a_known_time_the_assumed_correlation_is_that_of_the_period(detect):
-    run = Run("fixes", 0.9, 0, correlation_times=(2.0,), detect_correlation=detect)
-    found = consistency_of(run.row, 2.0)
-    assert found.assumed == pytest.approx(math.exp(-DT / 2.0), abs=0.01)
+    assert consistency_of(run.row, 2.0).assumed == pytest.approx(math.exp(-DT / 2.0), abs=0.01)
 
 
 @pytest.mark.parametrize(("dt", "time"), [(0.2, 0.3), (0.5, 2.0), (1.0, 0.1)])
-def test_the_inflation_is_that_of_the_best_estimate_of_a_constant(dt, time):
-    # Its information from n errors of variance 1 is 1' V^-1 1.
+def test_the_inflation_gives_the_variance_of_the_best_estimate_of_a_constant(dt, time):
+    # The information of n measurements with covariance V is 1' V^-1 1.
     n = 2000
     information = solve_toeplitz(np.exp(-dt / time) ** np.arange(n), np.ones(n)).sum() / n
     assert noise.inflation_after(dt, time) == pytest.approx(1.0 / information, rel=0.02)
@@ -174,27 +125,27 @@ def test_the_inflation_is_that_of_the_best_estimate_of_a_constant(dt, time):
 
 
 @pytest.mark.parametrize("bad", [(61.0, 0.0, 0.4), (0.2, 2.5, 0.4), (0.2, 0.0, 0.0), (0.0, 0.0, 0.4)])
-def test_an_outlier_a_long_way_the_same_time_or_a_repetition_makes_no_pair(bad):
+def test_outliers_long_motions_repetitions_and_equal_times_are_not_pairs(bad):
     row, (difference, motion, dt) = np.empty(noise.COLUMNS), bad
     noise.clear(row)
     before = row.copy()
-    noise.learn(row, np.array([[difference, motion, 1.0, 1.0, 2.0], [0.0] * 5]), dt)
+    noise.add_pair(row, np.array([[difference, motion, 1.0, 1.0, 2.0], [0.0] * 5]), dt)
     np.testing.assert_array_equal(row, before)
-    noise.learn(row, np.array([[59.0, 1.9, 1.0, 1.0, 2.0], [0.0] * 5]), 0.4)
+    noise.add_pair(row, np.array([[59.0, 1.9, 1.0, 1.0, 2.0], [0.0] * 5]), 0.4)
     assert row[noise.PAIRS] == 1.0
 
 
-def test_nis_and_autocorrelation_are_plain_means_at_first_and_fade_then():
+def test_nis_and_autocorrelation_are_plain_means_that_become_exponential():
     rng, row = np.random.default_rng(5), np.zeros(noise.COLUMNS)
     u, nis = rng.normal(size=(400, 3)), rng.chisquare(3, 400)
     products = np.array([np.nan, *np.mean(u[1:] * u[:-1], axis=1)])
     for k in range(400):
-        noise.observe(row, nis[k], u[k] @ u[k - 1], 3, k > 0)
+        noise.add_innovation(row, nis[k], u[k] @ u[k - 1], 3, k > 0)
         if k + 1 <= 50:
             assert row[noise.NIS] == pytest.approx(np.mean(nis[: k + 1]) / 3.0)
         if 0 < k <= 100:
             assert row[noise.WHITENESS] == pytest.approx(np.mean(products[1 : k + 1]))
-    # Then each is 2 % (1 %) of the mean, and fades by as much with each that follows.
+    # After that, each new value has a weight of 2 % (NIS) or 1 % (autocorrelation).
     expected = 0.02 * 0.98 ** np.arange(349, -1, -1) @ nis[50:] / 3.0 + 0.98**350 * np.mean(nis[:50]) / 3.0
     assert row[noise.NIS] == pytest.approx(expected)
     expected = 0.01 * 0.99 ** np.arange(298, -1, -1) @ products[101:] + 0.99**299 * np.mean(products[1:101])
@@ -206,7 +157,7 @@ def test_nis_and_autocorrelation_are_plain_means_at_first_and_fade_then():
     assert one.bound == pytest.approx(1.96 / math.sqrt(300))
 
 
-def test_only_accepted_innovations_count_each_over_its_own_deviation():
+def test_the_nis_is_the_mean_of_accepted_innovations_over_their_deviations():
     numbers, P = options(filter="ekf"), np.diag([0.1, 0.2, 0.03])
     found = started(numbers, (1.0, 2.0, 3.1), P)
     found.noise[0, noise.SCALE], found.noise[0, noise.CHANNEL + noise.SCALE] = 4.0, 9.0
@@ -218,7 +169,7 @@ def test_only_accepted_innovations_count_each_over_its_own_deviation():
     before = found.noise.copy()
     ekf.take(found, numbers, fix(90.0, time=2.0))
     np.testing.assert_array_equal(found.noise, before)
-    # The rejected fix is no partner of the next one either.
+    # The rejected fix does not form a pair with the next fix either.
     x, y, theta = found.x
     ekf.take(found, numbers, fix(x, y, theta, time=3.0))
     assert found.noise[0, noise.WHITENESS_NUMBERS] == 0.0
@@ -228,22 +179,23 @@ def test_only_accepted_innovations_count_each_over_its_own_deviation():
 
 @pytest.mark.parametrize("kind", ["fixes", "landmarks"])
 @pytest.mark.parametrize("c", [0.5, 0.95])
-def test_it_warns_of_correlated_errors_only_if_it_does_not_allow_for_them(kind, c):
-    def warned(**values):
+def test_correlated_innovations_are_reported_only_if_the_filter_does_not_compensate_for_them(kind, c):
+    row = 2 if kind == "landmarks" else 0
+
+    def is_reported(**values):
         run = Run(kind, c, 0, **values)
-        row = 2 if kind == "landmarks" else 0
         return consistency_of(run.row, run.options.times[row]).is_correlated
 
     def times(correlation):
-        return {"correlation_times": (*[0.0] * (2 if kind == "landmarks" else 0), -DT / math.log(correlation))}
+        return {"correlation_times": (*[0.0] * row, -DT / math.log(correlation))}
 
-    assert not warned()
-    assert not warned(**times(c))
-    assert warned(detect_correlation=False)
-    assert warned(**times(0.1))
+    assert not is_reported()
+    assert not is_reported(**times(c))
+    assert is_reported(detect_correlation=False)
+    assert is_reported(**times(0.1))
 
 
-def test_a_drift_raises_q_but_not_r_and_positions_leave_the_scale_of_headings():
+def test_the_fuzzy_rules_raise_q_for_a_drift_only_and_scale_positions_and_headings_separately():
     rows = np.zeros((2, noise.COLUMNS))
     for row, offset in zip(rows, (0.0, 2.0), strict=True):
         noise.clear(row)

@@ -1,4 +1,4 @@
-"""Motion by odometry: its noise at any rate of the messages, its dead time, its gaps; the twist that is reported."""
+"""Motion by odometry: noise at different rates, dead time, gaps, gyro, and the reported twist."""
 
 import math
 
@@ -29,7 +29,7 @@ def started(odometry, pose=(0.0, 0.0, 0.0), variance=1e-12, max_extrapolation=ma
 
 
 def covariance_after(twist, rate, seconds, odometry, covariance=UNKNOWN, **values):
-    """Return the covariance (3, 3) of a pose known at first, after driving with a constant twist."""
+    """Return the covariance (3, 3) of the pose after a drive with a constant twist from a known pose."""
     found = started(odometry, (0.0, 0.0, 0.3), **values)
     for number in range(1, round(seconds * rate) + 1):
         found.on_odometry(OdometryStep(round(number * 1e9 / rate), twist, covariance))
@@ -38,8 +38,8 @@ def covariance_after(twist, rate, seconds, odometry, covariance=UNKNOWN, **value
 
 @pytest.mark.parametrize("variant", [EKF, FNN])
 @pytest.mark.parametrize("kind", [MOTION, MESSAGE])
-def test_the_rate_of_the_messages_does_not_change_the_noise_of_a_motion(variant, kind):
-    """Messages without a covariance are taken for motions, too."""
+def test_the_noise_of_a_motion_does_not_depend_on_the_rate_of_the_messages(variant, kind):
+    # The messages have no covariance, so the densities are used for both kinds.
     noise = NOISE._replace(odometry_noise=kind)
     reference = covariance_after(Twist(0.6, 0.5), 100.0, 3.0, noise, filter=variant)
     for rate in (5.0, 20.0):
@@ -47,19 +47,18 @@ def test_the_rate_of_the_messages_does_not_change_the_noise_of_a_motion(variant,
         np.testing.assert_allclose(found, reference, rtol=0.01, atol=1e-4)
 
 
-def test_densities_are_the_variances_per_second_and_those_of_a_message_are_of_its_mean_twist():
-    # From the meaning of NOISE: 0.03 |v| + 1e-3 along, 1e-3 across, 0.004 |v| + 2e-4 of the heading, for 4 s.
-    cases = [(NOISE, UNKNOWN, (0.016, 1e-3, 2.2e-3)), (OdometryConfig(), TwistCovariance(0.02, 0.0, 0.03), None)]
-    for odometry, covariance, densities in cases:
+def test_densities_are_variances_per_second_and_covariances_of_messages_belong_to_the_mean_twist():
+    def variances(odometry, covariance):
         P = covariance_after(Twist(-0.5, 0.0), 20.0, 4.0, odometry, covariance)
         c, s = math.cos(0.3), math.sin(0.3)
-        turned = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-        along, across, heading = np.diag(turned @ P @ turned.T)
-        if densities is None:
-            assert (along, heading) == pytest.approx((80 * 0.02 * 0.05**2, 80 * 0.03 * 0.05**2), rel=1e-6)
-        else:
-            expected = 4.0 * np.array(densities) + (0.0, 0.25 * 4.0 * densities[2] * 4.0**2 / 3.0, 0.0)
-            assert (along, across, heading) == pytest.approx(expected, rel=1e-6)
+        T = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+        return np.diag(T @ P @ T.T)
+
+    # Densities of NOISE at 0.5 m/s: 0.03 |v| + 1e-3 along, 1e-3 across, 0.004 |v| + 2e-4 of the heading.
+    across = 4.0 * 1e-3 + 0.5**2 * 2.2e-3 * 4.0**3 / 3.0
+    assert variances(NOISE, UNKNOWN) == pytest.approx((4.0 * 0.016, across, 4.0 * 2.2e-3), rel=1e-6)
+    along, _, heading = variances(OdometryConfig(), TwistCovariance(0.02, 0.0, 0.03))
+    assert (along, heading) == pytest.approx((80 * 0.02 * 0.05**2, 80 * 0.03 * 0.05**2), rel=1e-6)
     scaled = covariance_after(Twist(-0.5, 0.0), 20.0, 4.0, OdometryConfig(odometry_covariance_scale=9.0), SMALL)
     np.testing.assert_allclose(scaled[2, 2], 80 * 9e-8 * 0.05**2, rtol=1e-2)
 
@@ -75,7 +74,7 @@ def drive(delay, times, kind=MESSAGE):
 
 
 def dead_reckoning(delay, times):
-    """Robot that at each millisecond has the twist of ``delay`` [ms] before; at first that of the first message."""
+    """Return the poses of a robot that executes each twist ``delay`` [ms] later, and at first the first twist."""
     x, y, theta, poses, now = 0.0, 0.0, 0.0, [], 0
     for time in times:
         while now < time:
@@ -89,7 +88,7 @@ def dead_reckoning(delay, times):
 
 
 @pytest.mark.parametrize(("delay", "kind"), [(0, MESSAGE), (30, MOTION), (250, MESSAGE)])
-def test_the_twist_acts_later_by_the_delay(delay, kind):
+def test_the_twist_acts_after_the_delay(delay, kind):
     times = [100, 200, 310, 400, 480, 600, *range(700, 3000, 100)]
     rows = drive(delay * 1e-3, times, kind)
     assert [row.stamp for row in rows] == [time * MS for time in times]
@@ -98,15 +97,14 @@ def test_the_twist_acts_later_by_the_delay(delay, kind):
     np.testing.assert_allclose(np.unwrap(found[:, 2]), expected[:, 2], atol=1e-9)
 
 
-def test_the_noise_of_a_message_is_parted_among_its_pieces():
-    """With errors independent from message to message: var_theta is the sum of var_omega dt^2 over the messages."""
+def test_the_parts_of_a_delayed_message_have_the_noise_of_the_message():
     rows = drive(0.25, list(range(100, 3000, 100)))
-    # 0.25 s are covered by the first message, which is only 0.1 s long; then whole messages and the half of one.
+    # Sum of var_omega dt^2 over the messages. The first message, of 0.1 s, acts for 0.35 s, the last for 0.05 s.
     assert rows[-1].P[2, 2] - 1e-6 == pytest.approx(0.02 * 0.1**2 * 29.0, rel=1e-9)
 
 
 @pytest.mark.parametrize("rate", [0.1, 0.9])
-def test_a_measurement_within_a_step_does_not_change_the_noise_of_wheels_gyro_and_slip(rate):
+def test_measurements_within_a_step_do_not_change_the_noise_of_wheels_gyro_and_slip(rate):
     variances = []
     for cuts in ((), (20, 50)):
         found = started(OdometryConfig(), use_gyro=True)
@@ -120,7 +118,7 @@ def test_a_measurement_within_a_step_does_not_change_the_noise_of_wheels_gyro_an
 
 
 def after_a_gap(seconds, fixes=(), gyro=False):
-    """A robot that drove with (0.5, 0.2) until 1 s; its odometry comes again ``seconds`` later with (0.4, 0.1)."""
+    """Return the estimate after odometry with (0.5, 0.2) at 1 s and with (0.4, 0.1) ``seconds`` later."""
     found = started(OdometryConfig(), variance=1e-4, max_extrapolation=1.0, use_gyro=gyro)
     found.on_odometry(OdometryStep(10**9, Twist(0.5, 0.2), SMALL))
     for one in fixes:
@@ -128,20 +126,20 @@ def after_a_gap(seconds, fixes=(), gyro=False):
     return found.on_odometry(OdometryStep(round((1.0 + seconds) * 1e9), Twist(0.4, 0.1), SMALL))
 
 
-def test_a_dropout_of_the_odometry_moves_the_estimate_for_the_extrapolation_only_and_widens_it():
+def test_after_a_gap_the_twist_acts_for_max_extrapolation_and_the_rest_adds_uncertainty():
     after, short = after_a_gap(61.0), after_a_gap(1.0)
-    assert after.pose == pytest.approx(short.pose, abs=1e-9), "one second of the twist, not 61"
+    assert after.pose == pytest.approx(short.pose, abs=1e-9), "the twist acts for one second, not 61"
     assert short.pose.theta == pytest.approx(0.2 + 0.1, abs=1e-6)
-    # It may have been anywhere that the faster twist leads to in 60 s: 30 m in any direction, any heading.
+    # In 60 s the faster twist leads 30 m in any direction, with any heading.
     x, y, theta = np.sqrt(np.diag(after.P))
     assert theta == pytest.approx(math.pi, rel=1e-3)
     assert min(x, y) >= 29.9
     assert np.sqrt(np.diag(short.P)).max() < 0.1
 
 
-def test_in_a_gap_a_fix_is_fused_at_its_time_and_a_gyro_turns_the_robot():
+def test_fixes_and_turn_rates_in_a_gap_are_fused_at_their_stamps():
     after = after_a_gap(61.0, [pose_fix(31 * 10**9, Pose(7.0, 3.0, 0.2), 1e-4 * np.eye(3))])
-    # 30 s of the gap are left after the fix, then a second of the twist.
+    # After the fix, 30 s of the gap remain, and then the twist acts for one second.
     assert math.hypot(after.pose.x - 7.0, after.pose.y - 3.0) == pytest.approx(0.4, abs=0.01)
     assert math.sqrt(after.P[2, 2]) == pytest.approx(math.pi / math.sqrt(2.0), rel=0.02)
     turned = after_a_gap(11.0, [GyroSample(2 * 10**9 + n * 10**8, 0.1, 1e-6) for n in range(95)], gyro=True)
@@ -150,11 +148,11 @@ def test_in_a_gap_a_fix_is_fused_at_its_time_and_a_gyro_turns_the_robot():
 
 @pytest.mark.parametrize("as_configured", [0.0, 0.5, 1.0])
 @pytest.mark.parametrize("use_gyro", [False, True])
-def test_the_pose_moves_by_the_twist_that_is_reported_whatever_the_probability_of_errors(as_configured, use_gyro):
+def test_the_reported_twist_is_the_motion_of_the_reported_pose(as_configured, use_gyro):
     found = started(
         OdometryConfig(), filter="ekf_calibrating", wheels_as_configured=as_configured, use_gyro=use_gyro, variance=0.01
     )
-    # Smaller than the deviations at the start, and large enough that both hypotheses count.
+    # Small compared with the initial deviations, but large enough for both hypotheses to have a weight.
     errors = np.array([0.006, 0.008, 0.01])
     state.set_errors(found.filter, found.options, WHEELS, errors, np.diag([0.005, 0.005, 0.01]) ** 2)
     M, rate = TwistCovariance(4e-3, 1e-3, 0.02), TurnRate(0.7, 1e-4)
@@ -176,7 +174,7 @@ def test_the_pose_moves_by_the_twist_that_is_reported_whatever_the_probability_o
     assert (share >= low - 1e-9).all()
     assert (share <= high + 1e-9).all()
     without = OdometryStep(200 * MS, Twist(1.2, 0.7), UNKNOWN)
-    assert found.twist_of(found.on_odometry(without), without)[1] == UNKNOWN, "unknown stays unknown"
+    assert found.twist_of(found.on_odometry(without), without)[1] == UNKNOWN, "an unknown covariance stays unknown"
 
 
 def test_a_wheel_that_slips_is_counted_and_the_heading_follows_the_gyro():
@@ -188,11 +186,11 @@ def test_a_wheel_that_slips_is_counted_and_the_heading_follows_the_gyro():
         assert found.slips == min(max(number - 10, 0), 10)
         assert found.slipping == pytest.approx(0.1 * (number - 10) if slips else 0.0)
     assert estimate.pose.theta == pytest.approx(0.8, abs=0.05)
-    # Each of the ten steps may have gone anywhere within the difference: (L / 2 0.8 rad/s 0.1 s)^2 along.
+    # Slip adds a variance of (L / 2 0.8 rad/s 0.1 s)^2 along in each of the ten steps.
     assert 0.5 < estimate.P[0, 0] / (10 * (0.3 * 0.8 * 0.1) ** 2) < 1.5
 
 
-def test_separation_and_options_can_be_changed_at_runtime_but_not_the_variant():
+def test_the_variant_of_the_filter_cannot_be_changed_at_runtime_but_other_parameters_can():
     found = started(OdometryConfig(), filter="ekf_calibrating")
     state.set_errors(found.filter, found.options, WHEELS, np.array([0.0, 0.1, 0.0]), 1e-6 * np.eye(3))
     found.configure(LocalizationConfig(1.0, FilterConfig(filter=EKF, relocation_fixes=7)), 0.3)
@@ -206,8 +204,8 @@ def test_separation_and_options_can_be_changed_at_runtime_but_not_the_variant():
     ("number", "variance", "kind"),
     [(30, 1.0, "duplicate"), (-40, 1.0, "too old"), (32, 1.0, "no odometry for it"), (31, math.inf, "not finite")],
 )
-def test_a_sample_of_the_gyro_that_cannot_be_used_is_refused_and_changes_nothing(number, variance, kind):
-    found, unused, tenth = (*(started(OdometryConfig(), use_gyro=on) for on in (True, False)), 100 * MS)
+def test_an_unusable_turn_rate_is_refused_without_a_change_of_the_filter(number, variance, kind):
+    found, unused, tenth = started(OdometryConfig(), use_gyro=True), started(OdometryConfig()), 100 * MS
     for step in range(1, 31):
         found.on_gyro(GyroSample(step * tenth, 0.1, 1e-4))
         found.on_odometry(OdometryStep(step * tenth, Twist(0.5, 0.1), SMALL))

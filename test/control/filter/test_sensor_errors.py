@@ -1,4 +1,4 @@
-"""Errors of wheels, gyro and sensor of landmarks as states: found, reset, averaged; slip and the gyro."""
+"""Estimated errors of wheels, gyro and landmark sensor: convergence, reset, average over hypotheses, slip."""
 
 import math
 from itertools import product
@@ -29,8 +29,8 @@ from diffbot_core.kinematics import Twist, TwistCovariance
 
 
 @pytest.mark.parametrize("variant", ["ekf_calibrating", "ekf_fnn_calibrating"])
-def test_errors_of_the_radii_and_of_the_wheel_separation_are_found(variant):
-    # Wheels 10 % further apart than the filter knows: the robot of the test has the right distance.
+def test_the_errors_of_radii_and_wheel_separation_converge(variant):
+    # The filter assumes a separation that is 10 % too small.
     robot, true = Robot(np.random.default_rng(4), (-0.03, 0.02)), np.array([-0.03, 0.02, 0.1])
     numbers = options(filter=variant, wheel_radius_sigma=0.1, wheel_separation_sigma=0.1)
     numbers = numbers._replace(separation=SEPARATION / 1.1)
@@ -49,7 +49,7 @@ def test_errors_of_the_radii_and_of_the_wheel_separation_are_found(variant):
 
 @pytest.mark.parametrize("index", [0, 1, 2])
 @pytest.mark.parametrize(("sigma", "bound"), [(0.1, 0.5), (0.01, 0.1)])
-def test_an_error_beyond_five_deviations_and_a_tenth_resets_all_three(index, sigma, bound):
+def test_a_wheel_error_beyond_five_deviations_and_a_tenth_resets_all_wheel_errors(index, sigma, bound):
     start = {"left_radius_error": 0.02, "right_radius_error": -0.01, "wheel_separation_error": 0.03}
     numbers = options(wheel_radius_sigma=sigma, wheel_separation_sigma=sigma, **start)
     for size, kept in ((0.99 * bound, True), (-1.01 * bound, False)):
@@ -65,7 +65,7 @@ def test_an_error_beyond_five_deviations_and_a_tenth_resets_all_three(index, sig
 
 
 def posterior(mean, P, H, z, R):
-    """Return mean, covariance and the density of all measurements ``z`` at once."""
+    """Return mean and covariance given all measurements ``z``, and the density of ``z``."""
     S = H @ P @ H.T + R
     K = P @ H.T @ np.linalg.inv(S)
     return mean + K @ (z - H @ mean), P - K @ S @ K.T, multivariate_normal.pdf(z, H @ mean, S)
@@ -74,13 +74,13 @@ def posterior(mean, P, H, z, R):
 @pytest.mark.parametrize("prior", [0.0, 0.2, 1.0])
 @pytest.mark.parametrize("deviation", [0.0, 1.0, 3.0])
 @pytest.mark.parametrize("separation_sigma", [0.1, 0.0])
-def test_the_estimate_is_the_mixture_of_all_hypotheses_by_their_evidence(deviation, prior, separation_sigma):
+def test_the_estimate_is_the_mixture_of_the_hypotheses_weighted_by_their_evidence(deviation, prior, separation_sigma):
     rng = np.random.default_rng(round(10 * deviation))
     configured = {"left_radius_error": 0.03, "wheel_separation_error": -0.02, "landmark_range_offset": 0.1}
     sigmas = {"wheel_radius_sigma": 0.05, "wheel_separation_sigma": separation_sigma}
     numbers = options((Point(1.0, 2.0),), wheels_as_configured=prior, use_gyro=True, **configured, **sigmas)
     wheels, sensor = np.arange(3, 6), np.arange(7, 10)
-    # x and y depend on the wheels, heading and bias on the sensor: both pairs of hypotheses are independent.
+    # x and y depend on the wheels, heading and bias on the landmark sensor, so the hypotheses are independent.
     of_wheels, of_sensor = np.array([0, 1, *wheels]), np.array([2, models.BIAS, *sensor])
     mean, P = np.zeros(10), np.zeros((10, 10))
     mean[3:], P[:3, :3], P[models.BIAS, models.BIAS] = numbers.errors, np.diag(covariance(rng, 3).diagonal()), 0.0025
@@ -108,11 +108,10 @@ def test_the_estimate_is_the_mixture_of_all_hypotheses_by_their_evidence(deviati
     x, P_x = ekf.average(found, numbers)
     whole[2] = wrapped(whole[2])
     np.testing.assert_allclose(x, whole, atol=1e-9)
-    # Between independent blocks the mixture has no covariance.
     np.testing.assert_allclose(P_x, spread, atol=1e-9)
 
 
-def test_the_reported_heading_stays_within_half_a_turn():
+def test_the_reported_heading_is_wrapped():
     numbers = options()
     found = started(numbers, (0.0, 0.0, 3.14), np.eye(3))
     found.x[3], found.P[3, 2], found.P[2, 3] = -0.01, 1e-3, 1e-3
@@ -120,13 +119,12 @@ def test_the_reported_heading_stays_within_half_a_turn():
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_gyro_is_the_joint_filter_with_the_errors_of_the_twist_as_states(seed):
-    """There the errors of the twist are states for the time of the step, and the gyro is an ordinary measurement."""
+def test_the_fusion_of_a_gyro_equals_a_filter_with_the_twist_errors_as_states(seed):
     rng = np.random.default_rng(seed)
     dt, v, omega, variance = 0.1, *rng.uniform(-1.0, 1.0, 2), rng.uniform(1e-5, 1e-2)
     M, numbers = covariance(rng, 2, 0.02, 0.2), options(use_gyro=True)._replace(wheel_walk=0.0, bias_walk=0.0)
     found = started(numbers)
-    # Small errors, so that both are linear; the states are correlated, as they are after a while.
+    # The errors are small, so that both filters are linear, and the states are correlated.
     x, P = np.array([*rng.normal(size=3), *rng.normal(0.0, 1e-5, 4)]), 1e-6 * covariance(rng, 7)
     found.x[:], found.P[:, :] = x, P
 
@@ -149,12 +147,12 @@ def test_a_gyro_is_the_joint_filter_with_the_errors_of_the_twist_as_states(seed)
     np.testing.assert_allclose(found.P, F @ whole @ F.T, atol=2e-8 * np.abs(P).max() + 1e-10)
 
 
-def test_a_turn_rate_beyond_the_gate_corrects_by_a_part_and_is_returned():
+def test_a_turn_rate_beyond_the_gate_corrects_with_a_reduced_gain_and_is_returned():
     numbers = options(use_gyro=True, gate_probability=0.99)
     motion = build_motion(0.5, 0.1, 0.1, 1e-4, 0.0, 1e-4, rate=models.TurnRate(1.0, 1e-4))
     found = started(numbers)
     assert ekf.take_rate(found, numbers, motion) == pytest.approx(0.9)
-    # The gain times bound / NIS: var_bias / S times bound S / y^2 times y.
+    # Gain var_bias / S, times bound / NIS = bound S / y^2, times y.
     assert found.x[models.BIAS] == pytest.approx(0.05**2 * chi2.ppf(0.99, 1) / 0.9, rel=1e-9)
     S = 2e-4 + 0.05**2 + 1e-4 * ((0.5 - 0.03) ** 2 + (0.5 + 0.03) ** 2) / SEPARATION**2
     on_gate = motion._replace(rate=models.TurnRate(0.1 + 0.97 * math.sqrt(chi2.ppf(0.99, 1) * S), 1e-4))
@@ -162,32 +160,31 @@ def test_a_turn_rate_beyond_the_gate_corrects_by_a_part_and_is_returned():
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_noise_of_the_wheels_makes_no_radius_smaller(seed):
-    """The noise is in the wheels' turn rate and in what that turn rate is multiplied by."""
+def test_the_noise_of_the_wheels_does_not_bias_the_radii(seed):
     robot = Straight(seed)
     spread = robot.drive(1500)
-    assert np.abs(robot.found.x[3:5]).max() < 0.004  # of a prior of 0.01; both fall to -0.01 and below if it does
-    assert np.diff(spread).max() < 1e-4  # never less certain where nothing slips
+    assert np.abs(robot.found.x[3:5]).max() < 0.004  # the prior deviation is 0.01; a bias would reach -0.01
+    assert np.diff(spread).max() < 1e-4  # without slip the variances do not increase
 
 
 @pytest.mark.parametrize("lost", [(0.0, 0.05), (0.05, 0.0), (0.0, 0.12)])
-def test_a_slip_that_begins_and_ends_is_followed_within_three_seconds(lost):
+def test_the_radii_follow_the_start_and_the_end_of_slip_within_three_seconds(lost):
     robot = Straight(1)
     robot.drive(500)
     for robot.lost in (np.array(lost), np.zeros(2)):
         robot.drive(150)
         assert robot.found.x[4] - robot.found.x[3] == pytest.approx(robot.lost[0] - robot.lost[1], abs=0.02)
         if robot.lost.any():
-            # Either wheel may have slipped, so each has about half of it.
+            # Either wheel may have slipped, so each radius explains about half of the slip.
             assert abs(robot.found.x[3] + robot.found.x[4]) < 0.5 * max(lost)
         robot.drive(250)
     assert robot.found.x[models.BIAS] == pytest.approx(GYRO_BIAS, abs=0.015)
 
 
-def test_wheels_that_stand_explain_nothing_by_slip():
+def test_a_jump_of_the_gyro_bias_at_rest_is_not_explained_by_slip():
     robot = Straight(1)
     robot.drive(200, speed=0.0)
     before = robot.found.P[3:5, 3:5].copy()
-    robot._numbers = ((of_rims, error + 0.01) for of_rims, error in robot._numbers)  # the bias has jumped
+    robot.noise = ((rims, rate + 0.01) for rims, rate in robot.noise)
     robot.drive(200, speed=0.0)
     np.testing.assert_allclose(robot.found.P[3:5, 3:5], before, atol=1e-6)

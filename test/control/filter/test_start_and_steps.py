@@ -1,4 +1,4 @@
-"""Fixes and odometry with other clocks: when the filter starts, and what it claims after a clock was set."""
+"""Start of the filter with old, late and future fixes, and clocks that are set while the robot drives."""
 
 import math
 
@@ -30,7 +30,7 @@ def odometry(number, v=0.4, omega=0.0, step=0.0):
 
 
 def drive(found, numbers, **values):
-    """Give odometry; return what was refused."""
+    """Add odometry with these numbers; return the kinds of the errors."""
     refused = []
     for number in numbers:
         try:
@@ -44,8 +44,8 @@ def fix(time, x=0.0):
     return pose_fix(BEGIN + round(time * 1e9), Pose(x, 0.0, 0.0), SURE)
 
 
-@pytest.mark.parametrize("age", [1.0, 600.0, 100_000.0])
-def test_a_fix_of_any_age_starts_the_filter_while_the_robot_stands(age):
+@pytest.mark.parametrize("age", [1.0, 100_000.0])
+def test_a_fix_of_any_age_starts_the_filter_if_the_robot_is_at_rest(age):
     for is_first in (True, False):
         found = unstarted()
         if not is_first:
@@ -57,7 +57,7 @@ def test_a_fix_of_any_age_starts_the_filter_while_the_robot_stands(age):
         assert math.sqrt(estimate.P[0, 0]) < 0.03
 
 
-def test_a_late_first_fix_is_moved_by_the_odometry_after_its_stamp():
+def test_a_late_first_fix_is_moved_by_the_odometry_since_its_stamp():
     found = unstarted()
     assert drive(found, range(30)) == ["no fix yet"] * 30
     found.on_measurement(fix(2.45))
@@ -66,7 +66,7 @@ def test_a_late_first_fix_is_moved_by_the_odometry_after_its_stamp():
     assert found.estimate().pose.x == pytest.approx(0.4 * 0.55)
 
 
-def test_a_fix_from_before_the_known_odometry_is_as_uncertain_as_the_whole_motion_since():
+def test_the_deviation_of_a_fix_before_the_history_is_the_length_of_the_known_path():
     found = unstarted()
     drive(found, range(50))
     for age in (3.0, 100.0):
@@ -77,8 +77,8 @@ def test_a_fix_from_before_the_known_odometry_is_as_uncertain_as_the_whole_motio
         found.initialised = False
 
 
-@pytest.mark.parametrize("ahead", [5.0, 3600.0, 1e9])
-def test_a_fix_ahead_of_the_odometry_never_starts_the_filter_and_no_odometry_is_blamed(ahead):
+@pytest.mark.parametrize("ahead", [5.0, 1e9])
+def test_a_fix_ahead_of_the_odometry_does_not_start_the_filter(ahead):
     found = unstarted()
     found.on_measurement(fix(ahead))  # before any odometry
     assert drive(found, range(50)) == ["behind the first fix"] + ["no fix yet"] * 49
@@ -90,7 +90,7 @@ def test_a_fix_ahead_of_the_odometry_never_starts_the_filter_and_no_odometry_is_
     assert drive(found, range(100, 110)) == []
 
 
-def test_a_pose_by_hand_with_the_stamp_of_another_clock_starts_at_the_odometry():
+def test_initialise_with_the_stamp_of_another_clock_uses_the_stamp_of_the_odometry():
     found = unstarted()
     drive(found, range(10), v=0.0)
     found.initialise(Pose(1.0, 2.0, 0.5), SURE, BEGIN + 60 * 10**9)
@@ -99,8 +99,11 @@ def test_a_pose_by_hand_with_the_stamp_of_another_clock_starts_at_the_odometry()
 
 
 def stepped(step, acts_for=math.inf):
-    """Return the filter of a straight drive whose clock is set by ``step`` after 3 s, and the stories of its errors."""
-    found, story = unstarted(), []
+    """Drive straight, with a clock that is set by ``step`` [s] after 3 s.
+
+    Return the filter and one row for each odometry: number, and kind of the error or position error and deviation.
+    """
+    found, rows = unstarted(), []
     found.time_restarts = False
     found.on_measurement(fix(0.0))
     for number in range(1, 80):
@@ -108,34 +111,32 @@ def stepped(step, acts_for=math.inf):
         try:
             estimate = found.on_odometry(odometry(number, step=step * at), acts_for if number == 30 else math.inf)
         except BadMessageError as error:
-            story.append((number, error.kind))
+            rows.append((number, error.kind))
             continue
-        story.append((number, abs(estimate.pose.x - 0.04 * number), math.sqrt(estimate.P[0, 0])))
+        rows.append((number, abs(estimate.pose.x - 0.04 * number), math.sqrt(estimate.P[0, 0])))
         if number % 2 == 0:
-            with_noise = 0.04 * number + 0.02 * math.sin(number)
-            found.on_measurement(fix(0.1 * number + step * at, with_noise))
-    return found, story
+            found.on_measurement(fix(0.1 * number + step * at, 0.04 * number + 0.02 * math.sin(number)))
+    return found, rows
 
 
-@pytest.mark.parametrize("step", [-0.2, -0.3, -0.8, -0.95, -5.0, -2000.0])
-def test_a_clock_that_is_set_back_costs_one_odometry_and_no_motion(step):
-    found, story = stepped(step)
-    assert [one[1] for one in story if isinstance(one[1], str)] == ["out of order"]
+@pytest.mark.parametrize("step", [-0.2, -0.95, -5.0, -2000.0])
+def test_after_the_clock_was_set_back_one_odometry_is_dropped_and_the_estimate_stays_right(step):
+    found, rows = stepped(step)
+    assert [row[1] for row in rows if len(row) == 2] == ["out of order"]
     assert found.clock_set_back == 1
-    assert all(error < 3.0 * sigma + 0.01 for _, error, sigma in (one for one in story if len(one) == 3))
-    assert story[-1][2] < 0.03
+    assert all(error < 3.0 * sigma + 0.01 for _, error, sigma in (row for row in rows if len(row) == 3))
+    assert rows[-1][2] < 0.03
 
 
-@pytest.mark.parametrize("step", [0.3, 0.8, 30.0, 900.0, 1e6])
-def test_a_clock_that_is_set_forward_makes_the_estimate_uncertain_and_the_next_fix_certain_again(step):
-    _, story = stepped(step, acts_for=0.1)
-    assert not [one for one in story if len(one) == 2]
-    assert all(error < 3.0 * sigma + 0.01 for _, error, sigma in story)
-    assert story[29][2] == pytest.approx(0.4 * min(step, 1.0), rel=0.1)
-    assert story[-1][2] < 0.03
+@pytest.mark.parametrize("step", [0.3, 30.0, 1e6])
+def test_after_the_clock_was_set_forward_the_estimate_is_uncertain_until_the_next_fix(step):
+    _, rows = stepped(step, acts_for=0.1)
+    assert all(error < 3.0 * sigma + 0.01 for _, error, sigma in rows)
+    assert rows[29][2] == pytest.approx(0.4 * min(step, 1.0), rel=0.1)
+    assert rows[-1][2] < 0.03
 
 
-def test_single_messages_out_of_order_and_two_senders_do_not_set_the_clock_back():
+def test_single_messages_out_of_order_do_not_set_the_clock_back():
     found = unstarted()
     found.on_measurement(fix(0.0))
     for number in range(1, 60):
@@ -145,7 +146,7 @@ def test_single_messages_out_of_order_and_two_senders_do_not_set_the_clock_back(
     assert found.clock_set_back == 0
 
 
-def test_the_gyro_is_compared_with_the_wheels_over_motion_only():
+def test_a_gyro_of_the_wrong_sign_is_detected_within_five_seconds_of_motion():
     found = stamped.fresh(use_gyro=True, filter="ekf")
     for number in range(1, 200):
         turns = number % 10 < 3

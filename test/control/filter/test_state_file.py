@@ -1,4 +1,4 @@
-"""The state file: what is written is read, what is broken is said, and nothing else is touched."""
+"""The state file: it restores the saved state, and a broken file is reported and kept."""
 
 import json
 import math
@@ -36,7 +36,7 @@ def assert_errors(found, expected=ERRORS):
 
 
 @pytest.mark.parametrize("errors", [ERRORS, None])
-def test_what_is_written_is_read_to_the_bit(tmp_path, errors):
+def test_a_saved_state_is_loaded_unchanged(tmp_path, errors):
     path = tmp_path / "new" / "state.json"
     saved(path, errors)
     found = load_state(path)
@@ -64,7 +64,7 @@ def test_what_is_written_is_read_to_the_bit(tmp_path, errors):
         "1" * 100_000,
     ],
 )
-def test_a_file_with_something_else_is_named_kept_and_not_used(tmp_path, change):
+def test_a_broken_file_is_reported_renamed_and_not_used(tmp_path, change):
     path, found = tmp_path / "state.json", Localization(LocalizationConfig())
     assert load_state(path) is None
     assert StateKeeper(path, found).restore(GEOMETRY) == "no state to restore"
@@ -80,7 +80,7 @@ def test_a_file_with_something_else_is_named_kept_and_not_used(tmp_path, change)
     assert not found.initialised
 
 
-def test_a_filter_is_restored_with_the_errors_that_are_its_states_and_saves_those_of_now(tmp_path):
+def test_restore_and_save_contain_the_errors_that_the_filter_estimates(tmp_path):
     path, places = tmp_path / "state.json", (Point(3.0, 4.0),)
     saved(path)
     whole = Localization(LocalizationConfig(), landmarks=places)
@@ -98,7 +98,7 @@ def test_a_filter_is_restored_with_the_errors_that_are_its_states_and_saves_thos
     keeper.save(GEOMETRY)
     assert_errors(load_state(path).errors["wheels"], now)
     assert_errors(load_state(path).errors["landmarks"])
-    # The separation is known to the other one: it saves the radii, and the variance 0.
+    # The other filter does not estimate the separation error, and saves it with the variance 0.
     two.on_odometry(OdometryStep(10**9, Twist(0.0, 0.0), TwistCovariance(1e-4, 0.0, 1e-4)))
     StateKeeper(path, two).save(GEOMETRY)
     assert_errors(load_state(path).errors["wheels"], (two.filter.x[3:6], two.filter.P[3:6, 3:6]))
@@ -108,7 +108,7 @@ def test_a_filter_is_restored_with_the_errors_that_are_its_states_and_saves_thos
     assert not path.exists()
 
 
-def test_errors_of_other_wheels_are_not_restored_but_the_pose_is(tmp_path):
+def test_wheel_errors_are_not_restored_for_another_geometry(tmp_path):
     saved(tmp_path / "state.json")
     found = Localization(LocalizationConfig())
     done = StateKeeper(tmp_path / "state.json", found).restore(WheelGeometry(0.05, 0.5))
@@ -117,7 +117,7 @@ def test_errors_of_other_wheels_are_not_restored_but_the_pose_is(tmp_path):
     assert found.filter.x.tolist() == [1.0, -2.0, 3.0, 0.0, 0.0, 0.0]
 
 
-def test_nothing_is_saved_before_the_first_fix_twice_or_without_finite_numbers(tmp_path):
+def test_a_state_is_not_saved_before_the_first_fix_twice_or_if_it_is_not_finite(tmp_path):
     path, found = tmp_path / "state.json", Localization(LocalizationConfig())
     keeper = StateKeeper(path, found)
     keeper.save(GEOMETRY)

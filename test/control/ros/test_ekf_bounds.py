@@ -1,4 +1,4 @@
-"""At the bounds of its parameters and between them, the ekf publishes finite numbers only."""
+"""The ekf publishes only finite numbers for all parameters within their bounds."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ from diffbot_core.schema import build
 
 PAIRS = 12
 STEPS = 2
-"""of a drive; the last one has the largest and smallest numbers that messages may hold"""
+"""Number of steps of a drive. The last step has numbers of any size that messages may contain."""
 BASE = build(
     EkfNodeConfig,
     {
@@ -36,7 +36,7 @@ BASE = build(
 
 
 def readings(inputs, time, far, variances):
-    """Yield what reads each measurement, and its message."""
+    """Yield a function for each sensor that reads its message."""
     fixes = fix(time, far, 2.0, 0.5), fix(time, 1.0, far, 0.6)
     for one in fixes:
         one.pose.covariance[[0, 7, 35]] = variances
@@ -60,7 +60,7 @@ def readings(inputs, time, far, variances):
 
 
 def drive(config, rng):
-    """Yield the numbers and texts that the node publishes after each odometry; refused messages are left out."""
+    """Yield the numbers and texts that the node publishes after each odometry that is not refused."""
     landmarks, separation = tuple(config.landmarks.points().values()), config.wheels.wheel_separation
     inputs, localization = EkfInputs(config), Localization(config.localization, separation, landmarks=landmarks)
     time = 1000.0
@@ -88,9 +88,9 @@ def drive(config, rng):
         yield (estimate.pose, estimate.P, uncertainty_of(estimate.P), twist, covariance), texts
 
 
-# Extreme covariances beside each other are ill-conditioned; the estimates have to be finite all the same.
+# Extreme covariances are ill-conditioned, but the estimates must be finite.
 @pytest.mark.filterwarnings("ignore:An ill-conditioned matrix")
-def test_estimates_are_finite():
+def test_estimates_are_finite_for_all_parameters_and_numbers_of_any_size():
     rng = np.random.default_rng(1)
     answers = 0
     for values, config in extreme_configs(EkfNodeConfig, 2, PAIRS, BASE):

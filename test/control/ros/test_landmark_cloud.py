@@ -1,4 +1,4 @@
-"""Landmarks in point clouds, read and written without ROS: any layout that says what it is, and their covariance."""
+"""Landmarks in point clouds: layouts, invalid clouds, and the covariance of the measurements."""
 
 import math
 from types import SimpleNamespace
@@ -18,7 +18,7 @@ NUMBERS = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 
 
 
 def cloud(rows, kinds=(("x", "f4"), ("y", "f4"), ("id", "i4")), big=False, gap=0):
-    """A message as numpy lays it out."""
+    """Return a cloud with the layout of a numpy array."""
     order = ">" if big else "<"
     parts = [
         part for name, kind in kinds for part in ((f"_{name}", f"V{gap}"), (name, order + kind)) if part[1] != "V0"
@@ -43,7 +43,7 @@ def cloud(rows, kinds=(("x", "f4"), ("y", "f4"), ("id", "i4")), big=False, gap=0
 
 
 @given(st.booleans(), st.integers(0, 9), st.sampled_from([*NUMBERS][:6]), st.sampled_from(["f4", "f8"]))
-def test_any_layout(big, gap, kind, number):
+def test_clouds_of_any_layout_are_read(big, gap, kind, number):
     message = cloud([(4.0, 7, 3.0), (0.0, 120, -1.0)], (("y", number), ("id", kind), ("x", number)), big, gap)
     one, two = landmark_points(message)
     assert (one.number, two.number) == (7, 120)
@@ -77,20 +77,19 @@ ROW = [(2.0, 1.0, 5)]
         (cloud(ROW, (("x", "f4"), ("y", "f4"), ("id", "f4"))), "point fields missing"),
     ],
 )
-def test_bad_clouds(message, kind):
+def test_invalid_clouds_are_refused_with_the_reason(message, kind):
     with pytest.raises(BadMessageError) as caught:
         landmark_points(message)
     assert caught.value.kind == kind
 
 
-def test_what_is_written_is_read_and_shown_by_viewers():
+def test_a_written_cloud_is_read_and_has_the_layout_that_rviz_requires():
     message = SimpleNamespace()
     points = [LandmarkPoint(3, 2.5, 0.7, 0.01, 0.002), LandmarkPoint(-9, 14.0, -3.0, 0.04, 1e-4)]
     fill_landmark_points(message, points, SimpleNamespace)
     for found, sent in zip(landmark_points(message), points, strict=True):
         assert found.number == sent.number
         assert found[1:] == pytest.approx(sent[1:], rel=1e-6)
-    # RViz shows points with x, y, z as float32.
     assert [(one.name, one.datatype) for one in message.fields[:3]] == [("x", 7), ("y", 7), ("z", 7)]
 
 
@@ -107,25 +106,25 @@ def measured(var_range, var_bearing, noise=KNOWN, x=3.0, y=4.0):
 
 
 def about(*expected):
-    """Return a diagonal for a comparison: the variances come in single precision."""
+    """Return a diagonal matrix to compare with; clouds contain variances in single precision."""
     return pytest.approx(np.diag(expected), rel=1e-6)
 
 
-def test_the_deviations_of_the_parameters_are_those_of_messages_without_any_or_of_all():
+def test_the_parameters_replace_unknown_or_all_variances():
     assert about(0.03**2, 0.02**2) == measured(0.0, 0.0).R
     assert about(0.03**2, 0.02**2) == measured(0.01, 0.002, KNOWN._replace(always=True)).R
     assert about(0.01, 0.002) == measured(0.01, 0.002).R
 
 
 @pytest.mark.parametrize("mark", [math.nan, math.inf])
-def test_a_variance_that_is_not_finite_marks_a_missing_number(mark):
+def test_a_variance_that_is_not_finite_means_that_the_number_was_not_measured(mark):
     range_only, bearing_only = measured(0.01, mark), measured(mark, 0.002)
     assert (range_only.z.size, bearing_only.z.size) == (1, 1)
     assert about(0.01) == range_only.R
     assert about(0.002) == bearing_only.R
     assert range_only.z == pytest.approx([5.0])
     assert bearing_only.z == pytest.approx([math.atan2(4.0, 3.0)])
-    # The parameters give the noise of one number, too.
+    # The parameters also replace the unknown variance of one number.
     assert about(0.03**2) == measured(0.0, mark).R
     with pytest.raises(BadMessageError, match="covariance is zero"):
         measured(0.0, mark, KnownNoise())

@@ -1,4 +1,4 @@
-"""Poses in other frames: the algebra against scipy's rotations, the refusals, and which transform tf2 is asked for."""
+"""Poses in other frames, compared with scipy, and lookups of transforms."""
 
 import math
 import types
@@ -37,11 +37,11 @@ def matrix(translation, rotation):
 
 VECTORS = st.tuples(*[st.floats(-100.0, 100.0)] * 3)
 TILTED = st.tuples(*[st.floats(-1.2, 1.2)] * 3).map(lambda angles: Rotation.from_euler("ZYX", angles))
-"""Like the optical frame of a camera, so that the yaw is not a sum of two."""
+"""Tilted frames, such as the optical frame of a camera, for which yaws cannot be added."""
 
 
 @given(VECTORS, VECTORS, TILTED, TILTED)
-def test_a_pose_is_transformed_as_homogeneous_matrices_do_it(t, p, q, pose):
+def test_a_transformed_pose_is_the_product_of_homogeneous_matrices(t, p, q, pose):
     expected = matrix(t, q) @ matrix(p, pose)
     found = transformed(filled(Pose(), p, pose, "position", "orientation"), filled(Transform(), t, q))
     assert found[:2] == pytest.approx(expected[:2, 3], abs=1e-9)
@@ -50,7 +50,7 @@ def test_a_pose_is_transformed_as_homogeneous_matrices_do_it(t, p, q, pose):
     )
 
 
-def test_static_transforms_are_composed_through_their_common_ancestor_whatever_the_order():
+def test_static_transforms_are_composed_through_their_common_ancestor():
     known, turns = StaticTransforms(), [Rotation.from_euler("ZYX", angles) for angles in np.eye(3) + 0.3]
     chain = [
         ("base_footprint", "base_link", (0.0, 0.0, 0.1), turns[0]),
@@ -74,36 +74,36 @@ def test_static_transforms_are_composed_through_their_common_ancestor_whatever_t
 
 
 class Known:
-    """Transforms from one frame only; remembers what it was asked for."""
+    """Transforms from one frame only; records the lookups."""
 
     available = True
 
     def __init__(self, source, transform):
-        self.source, self.transform, self.asked = source, transform, []
+        self.source, self.transform, self.lookups = source, transform, []
 
     def lookup(self, target, source, stamp):
-        self.asked.append((target, source, stamp))
+        self.lookups.append((target, source, stamp))
         if source != self.source:
             raise BadMessageError("no transform", f"{source!r} to {target!r}")
         return self.transform
 
 
 QUARTER = filled(Transform(), (10.0, 0.0, 0.0), Rotation.from_euler("z", math.pi / 2))
-"""odom lies at x 10 m in map and is turned by a quarter."""
+"""Transform from odom to map: by 10 m along x, and a quarter turn."""
 
 
-def test_a_goal_in_odom_is_given_in_map():
+def test_a_goal_in_odom_is_transformed_to_map():
     goal = pose_stamped(2.0, 1.0, 0.5, "odom")
     goal.header.stamp.sec = 7
     known = Known("odom", QUARTER)
     assert pose_in_frame(goal.pose, goal.header, "map", known) == pytest.approx((9.0, 2.0, 0.5 + math.pi / 2))
-    # One in map asks for no transform.
+    # A goal in map does not need a transform.
     goal = pose_stamped(2.0, 1.0, 0.5)
     assert pose_in_frame(goal.pose, goal.header, "map", known) == pytest.approx((2.0, 1.0, 0.5))
-    assert known.asked == [("map", "odom", 7 * SECOND)]
+    assert known.lookups == [("map", "odom", 7 * SECOND)]
 
 
-def test_poses_of_a_path_have_its_frame_and_time_unless_they_have_their_own():
+def test_poses_of_a_path_have_the_frame_and_time_of_the_path_unless_they_have_a_frame():
     path = Path()
     path.header.frame_id, path.header.stamp.sec = "odom", 5
     bare, own = pose_stamped(1.0, 0.0, 0.0, ""), pose_stamped(4.0, 5.0, 0.0, "map")
@@ -113,12 +113,12 @@ def test_poses_of_a_path_have_its_frame_and_time_unless_they_have_their_own():
     found = path_from(path, "map", known)
     assert found[0] == pytest.approx((10.0, 1.0, math.pi / 2))
     assert found[1] == pytest.approx((4.0, 5.0, 0.0))
-    # For the path itself; the pose without a frame has the same transform.
-    assert known.asked == [("map", "odom", 5 * SECOND)]
+    # The path and the pose without a frame need the same transform.
+    assert known.lookups == [("map", "odom", 5 * SECOND)]
 
 
 class FakeTf2(types.SimpleNamespace):
-    """The part of tf2_ros that is used, with one transform odom -> map of a known time."""
+    """The used part of tf2_ros, with one transform from odom to map at a known time."""
 
     class TransformException(Exception):  # noqa: N818 - its name in tf2
         pass

@@ -107,7 +107,7 @@ def test_a_healthy_robot_has_nothing_to_do_and_a_line_with_its_figures():
         ({"fixes": {"variance": math.nan}}, "covariance not finite"),
         ({"fixes": {"frame": "world"}}, "'world', not 'map': set map_frame"),
         ({"gyro": 0.5 * 57.3, "parameters": {"use_gyro": True}}, "both have to be in rad/s"),
-        ({"gyro": -0.5, "parameters": {"use_gyro": True}}, "sign opposite to that of odom"),
+        ({"gyro": -0.5, "parameters": {"use_gyro": True}}, "turn rates of imu and odom have opposite signs"),
     ],
 )
 def test_a_fault_of_the_messages_is_named(options, text):
