@@ -14,8 +14,8 @@ from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.geometry import Pose
 from diffbot_tools.view.columns import COLUMNS
 from diffbot_tools.view.events import Event
-from diffbot_tools.view.intake import Request, read_request
 from diffbot_tools.view.live_state import LiveState
+from diffbot_tools.view.requests import Request, read_request
 from diffbot_tools.view.server import MAX_BAD, Address, PageServer
 
 PATIENCE = graph.PATIENCE
