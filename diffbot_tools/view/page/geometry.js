@@ -46,22 +46,20 @@ export function rangeOf(values, begin, end, extra = null) {
   return low <= high ? [low, high] : null;
 }
 
-/** A number with a fixed number of digits, or a dash. */
-export function shown(value, digits = 2) {
-  return Number.isFinite(value) ? value.toFixed(digits).replace(/^-(0\.?0*)$/, "$1") : "–";
+/** A number with this many digits and a unit, or a dash if it is not finite. */
+export function shown(value, digits = 2, unit = "") {
+  if (!Number.isFinite(value)) return "–";
+  return `${value.toFixed(digits).replace(/^-(0\.?0*)$/, "$1")}${unit && ` ${unit}`}`;
 }
 
-/** A length in words: centimetres below one metre. */
-export function lengthText(metres) {
-  if (!Number.isFinite(metres)) return "–";
-  return metres < 0.995 ? `${shown(100 * metres, 1)} cm` : `${shown(metres)} m`;
-}
+/** A length [m] as text, in centimetres below one metre. */
+export const lengthText = (length) => (length < 0.995 ? shown(100 * length, 1, "cm") : shown(length, 2, "m"));
 
-export const degrees = (angle, digits = 1) => shown((angle * 180) / Math.PI, digits);
+export const degrees = (angle) => (angle * 180) / Math.PI;
 
 const NUMBER = /^[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$/i;
 
-/** Convert a text to a number; throw an error that names the field if the text is not a number. */
+/** Convert a text to a number; throw an error that names the field if it is not a number. */
 export function readNumber(name, text) {
   const word = text.trim();
   const value = NUMBER.test(word) ? Number(word) : NaN;

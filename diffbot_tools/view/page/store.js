@@ -1,6 +1,6 @@
 import { lastAtMost, wrapAngle } from "./geometry.js";
 
-// The data of the page: curves over time, goals and events of each robot. A report fills them once, a live page appends.
+// The data of the page: curves over time, goals and events of each robot. A report sets them once, a live page appends.
 
 const LIVE_ROWS = 40000;
 const MAX_LANDMARKS = 500;
@@ -149,8 +149,8 @@ export class Robot {
     return points;
   }
 
-  /** Set the places of landmarks [x, y, number] that were measured at a time. */
-  see([time, landmarks]) {
+  /** Add landmarks [x, y, number] that were measured at a time [s]. */
+  addLandmarks([time, landmarks]) {
     for (const [x, y, number] of landmarks) this.landmarks.set(number, { number, x, y, inView: [time, time + IN_VIEW] });
     for (const number of this.landmarks.keys()) {
       if (this.landmarks.size <= MAX_LANDMARKS) break;

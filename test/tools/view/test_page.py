@@ -54,7 +54,7 @@ def test_the_curves_are_those_of_the_bag_and_are_drawn(page):
         page.tab.locator(f"{panel} summary").click()
     assert page.tab.locator(".chart:visible").count() == 14
     page.next_frame()
-    assert page.count(ESTIMATE, ".chart canvas >> nth=4", apart=140) > 100
+    assert page.count(ESTIMATE, ".chart:visible canvas >> nth=4", apart=140) > 100
 
 
 def test_the_slider_moves_the_robot(page):
@@ -110,7 +110,7 @@ def test_keys_move_the_map_and_play_and_the_wheel_zooms_about_the_pointer(page):
     pixel = 1.0 / page.get("diffbotPage.view.scale")
     assert page.get("diffbotPage.view.toWorld(200, 150)") == pytest.approx(before, abs=pixel)
     # A drag in a chart zooms the time.
-    canvas = page.tab.locator(".chart canvas >> nth=2")
+    canvas = page.tab.locator(".chart:visible canvas >> nth=2")
     canvas.scroll_into_view_if_needed()
     box, axis = canvas.bounding_box(), 62
     page.tab.mouse.move(box["x"] + axis + 0.2 * (box["width"] - axis), box["y"] + 30)

@@ -12,11 +12,10 @@ from hypothesis import strategies as st
 
 from diffbot_bag.writer import new_bag
 from diffbot_core.errors import DiffbotError
+from diffbot_tools import cli
 from diffbot_tools.view.bag_source import read_bag
-from diffbot_tools.view.columns import kept_rows
 from diffbot_tools.view.page_file import embedded_json
-from diffbot_tools.view.report import export, page_data
-from diffbot_tools.view.report_command import run
+from diffbot_tools.view.report import export, kept_rows, page_data
 
 BEGIN, DELAY = view_bags.BEGIN, view_bags.DELAY
 
@@ -114,15 +113,17 @@ def test_two_robots(tmp_path):
         assert len(robot.outcomes) == 2
 
 
-def test_what_cannot_be_reported_is_one_line(circle, tmp_path):
+def test_a_report_that_cannot_be_made_is_refused_in_one_line(circle, tmp_path, capsys):
     no_pose = bag(tmp_path, [("/odom", BEGIN, view_bags.odometry(BEGIN, math.nan, 0.0, 0.0))])
     for path, out, words in (
-        (no_pose, tmp_path / "a.html", "no pose"),
+        (no_pose, tmp_path / "a.html", "has no pose of a robot"),
         (circle, tmp_path / "a.txt", "must end with .html"),
+        (circle, tmp_path / "none" / "a.html", "does not exist"),
     ):
-        with pytest.raises(DiffbotError, match=words) as error:
-            run([path], out, "tuned")
-        assert "\n" not in str(error.value)
+        assert cli.main(["report", str(path), "--out", str(out)]) == 1
+        error = capsys.readouterr().err
+        assert words in error
+        assert error.count("\n") == 1
     assert list(tmp_path.iterdir()) == [no_pose]
 
 
@@ -165,7 +166,7 @@ def test_two_robots_whose_files_would_have_one_name_leave_the_files_as_they_are(
     streams = [view_bags.drive(10, namespace=namespace) for namespace in ("/a-b", "/a_b")]
     found = read_bag(bag(tmp_path, (message for pair in zip(*streams, strict=True) for message in pair)))
     (tmp_path / "run_a_b.csv").write_text("mine")
-    with pytest.raises(DiffbotError, match="one file name"):
+    with pytest.raises(DiffbotError, match="files of the same name"):
         export(found, tmp_path / "run.html", csv=True, tum=True)
     assert (tmp_path / "run_a_b.csv").read_text() == "mine"
 
