@@ -25,8 +25,9 @@ from diffbot_tools.opened_bag import open_bag
 from diffbot_tools.view.columns import COLUMNS, Array, Columns
 from diffbot_tools.view.constants import recorded_config, recorded_wheels
 from diffbot_tools.view.events import Event
-from diffbot_tools.view.model import PageClock, RobotModel
+from diffbot_tools.view.model import RobotModel
 from diffbot_tools.view.results import GoalOutcome, outcomes_of
+from diffbot_tools.view.track import PageClock
 
 ODOMETRY = "nav_msgs/msg/Odometry"
 POSE, POSE_STAMPED = "geometry_msgs/msg/PoseWithCovarianceStamped", "geometry_msgs/msg/PoseStamped"
@@ -344,7 +345,10 @@ def _error_curve(estimate: Columns, truth: Columns) -> dict[str, Columns]:
 
 
 def _visits(times: Array, pause: float) -> list[float]:
-    """Return begin and end [s] of each visit. A visit has no gap longer than ``pause``, and ends a pause later."""
+    """Return begin and end [s] of each visit.
+
+    A gap longer than ``pause`` separates two visits. A visit ends a pause after its last time.
+    """
     times = np.sort(times)
     gaps = np.flatnonzero(np.diff(times) > pause)
     begins, ends = times[np.r_[0, gaps + 1]], times[np.r_[gaps, len(times) - 1]] + pause

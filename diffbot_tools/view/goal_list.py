@@ -139,7 +139,7 @@ class GoalList:
         return goal
 
     def _accept_request(self, time: float, pose: Pose, named_id: str) -> Goal | None:
-        """Set time and id of the requested goal that a status names; return None if there is no such request."""
+        """Mark the requested goal with this pose as accepted; return None if goal_pose did not request it."""
         for index, goal in reversed(list(enumerate(self.goals))):
             is_near = abs(time - goal.time) <= _STATUS_DELAY
             if not goal.is_accepted and is_near and _is_same(goal.pose, pose):

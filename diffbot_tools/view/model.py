@@ -21,11 +21,10 @@ from diffbot_control.ros.messages.landmark_cloud import landmark_points
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import MAX_COORDINATE, Pose, into_frame, origin_of_frame, out_of_frame, wrap_angle
 from diffbot_core.kinematics import Twist
-from diffbot_core.stamps import S_PER_NS
 from diffbot_tools.view.events import Event, EventMaker, docking_verb, end_event, goal_event
 from diffbot_tools.view.goal_list import Goal, GoalList
 from diffbot_tools.view.texts import filter_numbers, number, status_of, statuses_of
-from diffbot_tools.view.track import BASES, Stamped, Track, TransformTree, base_name
+from diffbot_tools.view.track import BASES, PageClock, Stamped, Track, TransformTree, base_name
 from diffbot_tools.view.words import RobotSituation, docking_words, state_words
 
 LAW_LABELS = ("stamp", "rho", "alpha", "beta", "eps_P", "region", "V")
@@ -61,20 +60,6 @@ class ModelSink(Protocol):
 
     def put(self, name: str, value: Any) -> None:
         """Set ``state``, ``goals``, ``plan``, ``landmarks`` or ``dock`` to a value for JSON."""
-
-
-class PageClock:
-    """Converts stamps to times of the page, which begin at the first stamp."""
-
-    def __init__(self, origin: int | None = None) -> None:
-        """Set the stamp of time 0 [ns]. If it is None, the first stamp that is passed to :meth:`of` is time 0."""
-        self.origin = origin
-
-    def of(self, stamp: int) -> float:
-        """Return the time [s] of a stamp [ns]."""
-        if self.origin is None:
-            self.origin = stamp
-        return (stamp - self.origin) * S_PER_NS
 
 
 class _Waiting(NamedTuple):
@@ -117,7 +102,12 @@ class RobotModel:
         """indices of LAW_LABELS in the labels of the newest message"""
         self._dock: Pose | None = None
         self._detections: deque[Pose] = deque(maxlen=20)
-        self._handlers: dict[str, Callable[[Any], None]] = {
+        self._handlers = self._make_handlers()
+        self._role = ""
+
+    def _make_handlers(self) -> dict[str, Callable[[Any], None]]:
+        """Return the method that processes the messages of each role."""
+        return {
             **{role: self._on_estimate for role in ("estimate", "truth")},
             "odometry": self._on_odometry,
             "fixes": self._on_fix,
@@ -139,7 +129,6 @@ class RobotModel:
             "diagnostics": lambda message: self._add(self._events.of_diagnostics(self._now, statuses_of(message))),
             "log": lambda one: self._add(self._events.of_log(self._now, one.level, one.name, one.msg)),
         }
-        self._role = ""
 
     @property
     def main(self) -> str:

@@ -145,6 +145,8 @@ def cards_of(
     at_dock = {name: curves[name] for name in _DOCKING_CURVES if name in curves}
     cards = []
     for number, (one, following) in enumerate(_with_following(goals), 1):
+        x, y, theta = one.goal
+        title = f"Goal {number}: {x:.2f}, {y:.2f} m, {round(degrees(theta))} deg"
         until = min(following, last) if math.isnan(one.ended) else one.ended
         verdict = _verdict(one, math.isinf(following), is_reached(one, config))
         lines = _figure_lines(one, verdict[0])
@@ -152,17 +154,15 @@ def cards_of(
             lines += _limits(curves["command"], one.accepted, until, config)
         if verdict[0] > OK:
             lines = [*causes(in_map, one.accepted, until, config, wheels), *lines]
-        x, y, theta = one.goal
-        title = f"Goal {number}: {x:.2f}, {y:.2f} m, {round(degrees(theta))} deg"
         cards.append(_card(one, title, verdict, lines))
     for one, following in _with_following(dockings):
-        until = min(following, last) if math.isnan(one.ended) else one.ended
         title = docking_verb(one.goal).capitalize()
+        until = min(following, last) if math.isnan(one.ended) else one.ended
         verdict = _verdict(one, math.isinf(following), True, f"{title}ed")
         lines = _figure_lines(one, verdict[0])
         if verdict[0] > OK:
             lines = [*causes(at_dock, one.accepted, until, config, wheels), *lines]
-        cards.append(_card(one, title, verdict, lines) | {"isDocking": True})
+        cards.append(_card(one, title, verdict, lines, is_docking=True))
     return sorted(cards, key=lambda card: float(card["accepted"]))
 
 
@@ -172,7 +172,7 @@ def _with_following(outcomes: Sequence[GoalOutcome]) -> list[tuple[GoalOutcome, 
     return list(zip(outcomes, times[1:], strict=True))
 
 
-def _card(one: GoalOutcome, title: str, verdict: Words, lines: list[Words]) -> dict[str, Any]:
+def _card(one: GoalOutcome, title: str, verdict: Words, lines: list[Words], is_docking: bool = False) -> dict[str, Any]:
     figures = ("time", "ended", "position_error", "heading_error", "path_length", "direct_distance", "revolutions")
     values = {name: getattr(one, name) for name in figures}
     return {
@@ -182,7 +182,7 @@ def _card(one: GoalOutcome, title: str, verdict: Words, lines: list[Words]) -> d
         "level": verdict[0],
         "verdict": verdict[1],
         "lines": lines,
-        "isDocking": False,
+        "isDocking": is_docking,
         **{name: value if math.isfinite(value) else None for name, value in values.items()},
     }
 
@@ -197,10 +197,10 @@ def _verdict(one: GoalOutcome, is_last: bool, is_confirmed: bool, reached: str =
         reached: word for a goal that was reached.
     """
     after = f"{max(one.time, 0.0):.1f} s"
+    if one.end == REACHED and is_confirmed:
+        return OK, f"{reached} in {after}"
     if one.end == REACHED:
-        return (
-            (OK, f"{reached} in {after}") if is_confirmed else (ERROR, f"Reported reached in {after}, but off the goal")
-        )
+        return ERROR, f"Reported reached in {after}, but off the goal"
     if one.end in (CANCELLED, REPLACED, PASSED):
         # The reason of a replaced goal names the sender of the newer goal.
         sender = f" (sent by {one.source})" if one.source else ""

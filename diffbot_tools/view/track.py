@@ -1,4 +1,4 @@
-"""The newest poses of a robot by their stamps, and the pose of a robot from the transforms on /tf."""
+"""Times of the page, the newest poses of a robot by their stamps, and the pose of a robot from /tf."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 from diffbot_control.ros.messages.fields import stamp_ns
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import MAX_COORDINATE, Pose, out_of_frame, wrap_angle, yaw_of_quaternion
+from diffbot_core.stamps import S_PER_NS
 
 BASES = ("base_link", "base_footprint", "base")
 _MAX_POSES = 500
@@ -16,6 +17,20 @@ _MAX_GAP = 500_000_000
 """[ns] Longest gap between two poses that is interpolated."""
 _MAX_EDGES = 200
 """Number of transforms that are kept."""
+
+
+class PageClock:
+    """Converts stamps to times of the page, which begin at the first stamp."""
+
+    def __init__(self, origin: int | None = None) -> None:
+        """Set the stamp of time 0 [ns]. If it is None, the first stamp that is passed to :meth:`of` is time 0."""
+        self.origin = origin
+
+    def of(self, stamp: int) -> float:
+        """Return the time [s] of a stamp [ns]."""
+        if self.origin is None:
+            self.origin = stamp
+        return (stamp - self.origin) * S_PER_NS
 
 
 class Stamped(NamedTuple):

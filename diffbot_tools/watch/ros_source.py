@@ -16,8 +16,9 @@ from std_msgs.msg import Float64MultiArray
 from diffbot_core.ros.node import DiffbotNode
 from diffbot_core.ros.qos import LATCHED, QUEUE, SENSOR
 from diffbot_tools.view.live_state import LiveState, RobotSink
-from diffbot_tools.view.model import PageClock, RobotModel
+from diffbot_tools.view.model import RobotModel
 from diffbot_tools.view.texts import ERROR, OK, WARNING
+from diffbot_tools.view.track import PageClock
 from diffbot_tools.watch.parameters import WatchConfig
 
 SILENCE = 2.0

@@ -23,10 +23,10 @@ from diffbot_core.ros.qos import QUEUE
 from diffbot_core.ros.run import run
 from diffbot_tools.view.constants import constants_of
 from diffbot_tools.view.live_state import LiveState
-from diffbot_tools.view.model import PageClock
 from diffbot_tools.view.requests import Request
 from diffbot_tools.view.server import Address, PageServer, Reply
 from diffbot_tools.view.texts import BoundedTable, Status, statuses_of
+from diffbot_tools.view.track import PageClock
 from diffbot_tools.watch.parameters import WatchConfig, robot_names
 from diffbot_tools.watch.recording import PageRecording
 from diffbot_tools.watch.robot_client import RobotClient, RobotInfo

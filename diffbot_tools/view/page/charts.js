@@ -78,7 +78,7 @@ const GROUPS = {
 };
 const HEIGHT = 92;
 const LEFT = 62;
-const SHORTEST = 4; // [pixels] of a drag that zooms
+const MIN_ZOOM = 4; // [pixels] shortest drag that zooms
 
 const columnOf = (robot, { curve, column }) => {
   const found = robot.curves[curve];
@@ -105,7 +105,7 @@ function axisNumber(value, step) {
   return value.toExponential(Math.max(Math.floor(Math.log10(Math.abs(value))) - power, 0));
 }
 
-/** Trace a column between two times, with the first, lowest, highest and last value of each pixel. */
+/** Trace a column between two times by the first, lowest, highest and last value of each pixel. */
 function trace(context, curve, values, scale, factor, turn = Infinity) {
   const { t } = curve.columns;
   const begin = Math.max(curve.indexAt(scale.t0), 0);
@@ -180,7 +180,7 @@ class Chart {
     this.canvas.addEventListener("pointerup", (event) => {
       if (start === null) return;
       const x = place(event);
-      if (Math.abs(x - start) < SHORTEST) onTime(timeAt(x));
+      if (Math.abs(x - start) < MIN_ZOOM) onTime(timeAt(x));
       else onZoom([timeAt(Math.min(x, start)), timeAt(Math.max(x, start))]);
       end();
     });

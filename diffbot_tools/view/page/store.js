@@ -4,7 +4,7 @@ import { lastAtMost, wrapAngle } from "./geometry.js";
 
 const LIVE_ROWS = 40000;
 const MAX_LANDMARKS = 500;
-const IN_VIEW = 1; // [s] after a measurement
+const IN_VIEW = 1; // [s] a landmark is in view until this time after a measurement
 const SIDES = [["left", -0.5], ["right", 0.5]];
 const MISSING = -2147483648;
 
@@ -14,7 +14,7 @@ export class Curve {
     Object.assign(this, { columns, rows, rims: 0 });
   }
 
-  /** An empty curve with these columns that grows by `append`. */
+  /** Return an empty curve with these columns, for `append`. */
   static growing(names) {
     return new Curve(Object.fromEntries(names.map((name) => [name, new Float64Array(1024)])), 0);
   }
@@ -44,7 +44,7 @@ export class Curve {
     this.rows += 1;
   }
 
-  /** Compute the new rows of the columns left and right: speeds [m/s] of the rims of wheels at this distance [m]. */
+  /** Compute the new rows of the columns left and right: speeds of the wheel rims [m/s]; `track` is the wheel separation [m]. */
   addRims(track) {
     const { v, omega } = this.columns;
     if (!v) return;
