@@ -89,7 +89,7 @@ const hasNumbers = (robot, one) => {
   return Boolean(found?.columns[one.column].subarray(0, found.rows).some(Number.isFinite));
 };
 
-/** The lines of a chart, each with its robot; in a comparison, one line of each run in the colour of the run. */
+/** Return the lines of a chart, each with its robot; in a comparison, one line for each run in the colour of the run. */
 const linesOf = ({ lines }, robot, runs) => {
   if (!runs) return lines.map((one) => ({ ...one, robot }));
   return runs.flatMap((run) => {
@@ -98,7 +98,7 @@ const linesOf = ({ lines }, robot, runs) => {
   });
 };
 
-/** A short text for a number of an axis with this step. */
+/** Return a short text for a number of an axis with this step. */
 function axisNumber(value, step) {
   const power = Math.floor(Math.log10(step));
   if (power >= -4 || value === 0) return value.toFixed(Math.min(Math.max(-power, 0), 4));
@@ -143,7 +143,7 @@ function trace(context, curve, values, scale, factor, turn = Infinity) {
   context.stroke();
 }
 
-/** A strip chart: `onTime` is called by a click, `onHover` with the time under the pointer or null, `onZoom` with a range. */
+/** A strip chart. A click calls `onTime`, the pointer calls `onHover` with its time or null, and a drag calls `onZoom`. */
 class Chart {
   constructor(definition, parent, { onTime, onHover, onZoom }) {
     Object.assign(this, { definition, labels: [], lines: [], scale: null });
@@ -189,7 +189,7 @@ class Chart {
     this.canvas.addEventListener("dblclick", () => onZoom(null));
   }
 
-  /** Lowest and highest value of everything that is drawn in a range of times, with a margin. */
+  /** Return the lowest and the highest value that is drawn in a range of times, with a margin. */
   valueRange(robot, t0, t1, levels) {
     const { dashed = [], band, turn = Infinity } = this.definition;
     let range = rangeOf(levels, 0, levels.length);
@@ -329,7 +329,7 @@ function drawAxes(context, scale, low, high, unit, colours) {
   }
 }
 
-/** All charts, each in the panel of its group; `reactions`: see Chart. */
+/** Make all charts, each in the panel of its group; for `reactions` see Chart. */
 export function makeCharts(reactions) {
   return Object.entries(GROUPS).flatMap(([id, definitions]) =>
     definitions.map((definition) => new Chart(definition, document.getElementById(id), reactions)),

@@ -8,7 +8,7 @@ export function wrapAngle(angle) {
   return wrapped === -Math.PI ? Math.PI : wrapped;
 }
 
-/** Semi-axes and direction [rad] of the ellipse that contains a position with this covariance by 95 %. */
+/** Return semi-axes and direction [rad] of the 95 % ellipse of a position with this covariance. */
 export function ellipseOf(xx, xy, yy) {
   const mean = (xx + yy) / 2;
   const spread = Math.hypot((xx - yy) / 2, xy);
@@ -16,14 +16,14 @@ export function ellipseOf(xx, xy, yy) {
   return { a: axis(mean + spread), b: axis(mean - spread), angle: Math.atan2(2 * xy, xx - yy) / 2 };
 }
 
-/** The largest of 1, 2, 5 times a power of ten that is at most `length`. */
+/** Return the largest number 1, 2 or 5 times a power of ten that is at most `length`. */
 export function roundStep(length) {
   const power = 10 ** Math.floor(Math.log10(length));
   const share = length / power;
   return power * (share >= 5 ? 5 : share >= 2 ? 2 : 1);
 }
 
-/** Index of the last of `count` increasing `values` that is at most `value`; -1 if there is none. */
+/** Return the index of the last of `count` increasing `values` that is at most `value`; -1 if all are larger. */
 export function lastAtMost(values, count, value) {
   let low = 0;
   let high = count;
@@ -35,7 +35,7 @@ export function lastAtMost(values, count, value) {
   return low - 1;
 }
 
-/** Smallest and largest of the finite values with indices from `begin` to `end`, widened by `extra`; null for none. */
+/** Return the smallest and the largest finite value from `begin` to `end` and in `extra`; null if there is no value. */
 export function rangeOf(values, begin, end, extra = null) {
   let [low, high] = extra ?? [Infinity, -Infinity];
   for (let i = begin; i < end; i += 1) {
@@ -46,13 +46,13 @@ export function rangeOf(values, begin, end, extra = null) {
   return low <= high ? [low, high] : null;
 }
 
-/** A number with this many digits and a unit, or a dash if it is not finite. */
+/** Return a number with this many digits and a unit, or a dash if it is not finite. */
 export function shown(value, digits = 2, unit = "") {
   if (!Number.isFinite(value)) return "–";
   return `${value.toFixed(digits).replace(/^-(0\.?0*)$/, "$1")}${unit && ` ${unit}`}`;
 }
 
-/** A length [m] as text, in centimetres below one metre. */
+/** Return a length [m] as text, in centimetres below one metre. */
 export const lengthText = (length) => (length < 0.995 ? shown(100 * length, 1, "cm") : shown(length, 2, "m"));
 
 export const degrees = (angle) => (angle * 180) / Math.PI;

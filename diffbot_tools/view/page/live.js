@@ -8,7 +8,7 @@ import { Robot } from "./store.js";
 const RETRY = 1500; // [ms] from the loss of the connection to the next attempt
 const CONFIRM = 3000; // [ms] within which Reset has to be pressed again
 
-/** Connect, and connect again after each loss; `handlers` are called by the type of a message. Return how to send. */
+/** Connect, and connect again after each loss. `handlers` are called by the type of a message. Return a function that sends. */
 function connect(handlers, onConnected) {
   let socket = null;
   const open = () => {
@@ -31,7 +31,7 @@ function connect(handlers, onConnected) {
   };
 }
 
-/** Act at the second press within CONFIRM; the first press asks for the second one. */
+/** Ask for a second press of a button, and act if it comes within CONFIRM. */
 function confirmed(button, action) {
   const text = button.dataset.text;
   button.dataset.text = "";

@@ -266,7 +266,7 @@ function drawLandmarks(context, view, robot, time, colours) {
     context.beginPath();
     for (const [dx, dy] of [[0, -7], [7, 0], [0, 7], [-7, 0]]) context.lineTo(px + dx, py + dy);
     context.closePath();
-    // `inView` alternates between begin and end of an interval.
+    // In `inView`, begins and ends of intervals alternate.
     if (lastAtMost(inView, inView.length, time) % 2 === 0) context.fill();
     context.stroke();
     context.fillText(String(number), px + 8, py - 5);
@@ -320,7 +320,7 @@ function drawDock(context, view, dock, wheels, colours) {
   context.stroke();
 }
 
-/** Names of the layers of the map that a robot has, in the order of the legend. */
+/** Return the names of the map layers that a robot has, in the order of the legend. */
 export function layersOf({ curves, plan, landmarks, dock }) {
   const has = {
     ellipses: curves.estimate?.columns.xx && curves.estimate.rows,

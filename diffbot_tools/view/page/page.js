@@ -24,7 +24,7 @@ export const page = {
 };
 globalThis.diffbotPage = page; // for the console and the tests
 const WINDOWS = [["everything", Infinity], ["10 s", 10], ["60 s", 60], ["5 min", 300]];
-const CHART_PERIOD = { report: 90, live: 200 }; // [ms] between two drawings of charts that move
+const CHART_PERIOD = { report: 90, live: 200 }; // [ms] shortest time between two drawings of charts that move
 const FAST_FRAME = 22; // [ms] of a display of 50 Hz
 const PAUSE_FRAMES = 7; // a slow browser uses an eighth of its time to draw new data
 const REACH = 12; // [pixels] from the path within which the pointer shows its time
@@ -67,7 +67,7 @@ function setTheme(isDark) {
   redraw(true);
 }
 
-/** The time [s] that is shown: the time of the slider, or of the newest row. */
+/** Return the time [s] that is shown: the time of the slider, or of the newest row. */
 function timeNow() {
   if (page.player) return page.player.time;
   const curve = page.robot.main;
@@ -101,7 +101,7 @@ const charts = makeCharts({ onTime: goTo, onHover: setHover, onZoom: zoomTo });
 const panels = document.querySelectorAll("details");
 export const events = new EventList($("events"), $("filters"), goTo);
 
-/** The times [s] that the charts show. */
+/** Return begin and end [s] of the charts. */
 function chartSpan(time) {
   if (page.zoom) return page.zoom;
   const length = Number($("window").value);
@@ -140,7 +140,7 @@ function drawFrame(now) {
   $("clock").textContent = hover === null ? clock : `${clock}, cursor at ${shown(hover)} s`;
 }
 
-/** Draw the charts if they have changed, or now and then if they move with the time. */
+/** Draw the charts if they have changed, and every CHART_PERIOD if they move with the time. */
 function drawCharts(now, time) {
   const [t0, t1] = chartSpan(time);
   const isMoving = time !== lastTime && !page.zoom && !(page.player && t1 >= page.player.end && t0 <= page.player.begin);
@@ -198,7 +198,7 @@ export function setRobots(robots) {
   chooseRobot(page.robot.name);
 }
 
-/** Show the state at a time. At the end of a bag, the last state is that the nodes have ended, which is not of interest. */
+/** Show the state at a time. The last state of a bag is not shown, since it says only that the nodes have ended. */
 function showState(time) {
   const [level, text] = page.player && time >= page.player.end ? [0, "end of the recording"] : page.robot.stateAt(time);
   if ($("state").textContent !== text) $("state").textContent = text;
@@ -242,7 +242,7 @@ function hoverMap(place) {
   setHover(place ? (page.robot.main?.timeNear(x, y, REACH / page.view.scale, timeNow()) ?? null) : null);
 }
 
-/** Make the page react; `onPose` is called with a kind and a pose that was drawn on the map. */
+/** Connect map, charts, keys and theme. A pose that is drawn on the map calls `onPose` with its kind and the pose. */
 export function startPage(onPose = () => {}) {
   addButton("all", "Show all", "0", () => {
     page.view.fit(page.robot);

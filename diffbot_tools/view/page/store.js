@@ -8,7 +8,7 @@ const IN_VIEW = 1; // [s] a landmark is in view until this time after a measurem
 const SIDES = [["left", -0.5], ["right", 0.5]];
 const MISSING = -2147483648;
 
-/** Columns of numbers over the column `t` [s]. */
+/** Columns of numbers, with their times [s] in the column `t`. */
 export class Curve {
   constructor(columns, rows) {
     Object.assign(this, { columns, rows, rims: 0 });
@@ -23,7 +23,7 @@ export class Curve {
     return this.columns.t;
   }
 
-  /** Append a row in the order of the columns; null is a missing number. At LIVE_ROWS, drop the older half. */
+  /** Append a row in the order of the columns; null is a missing number. If there are LIVE_ROWS, drop the older half. */
   append(row) {
     if (this.rows && row[0] < this.t[this.rows - 1]) this.rows = 0; // time has jumped back: a new run
     const names = Object.keys(this.columns);
@@ -56,18 +56,18 @@ export class Curve {
     this.rims = this.rows;
   }
 
-  /** Index of the last row at or before a time; -1 before the first. */
+  /** Return the index of the last row at or before a time; -1 before the first row. */
   indexAt(time) {
     return lastAtMost(this.t, this.rows, time);
   }
 
-  /** The value of a column in the last row at or before a time; NaN before the first row. */
+  /** Return the value of a column in the last row at or before a time; NaN before the first row. */
   at(name, time) {
     const index = this.indexAt(time);
     return index < 0 || !this.columns[name] ? NaN : this.columns[name][index];
   }
 
-  /** Time [s] of the row nearest to a point [m], the latest before `end` [s]; null if none is within `reach` [m]. */
+  /** Return the time [s] of the row before `end` [s] that is nearest to a point [m]; null if no row is within `reach` [m]. */
   timeNear(x, y, reach, end) {
     const { columns } = this;
     let [found, best] = [null, reach * reach];
@@ -78,7 +78,7 @@ export class Curve {
     return found;
   }
 
-  /** x, y, theta at a time, interpolated; null before the first row. */
+  /** Return the interpolated x, y, theta at a time; null before the first row. */
   poseAt(time) {
     const i = this.indexAt(time);
     if (i < 0) return null;
@@ -90,7 +90,7 @@ export class Curve {
   }
 }
 
-/** One robot. */
+/** The data of one robot. */
 export class Robot {
   constructor(name, constants) {
     Object.assign(this, { name, constants, curves: {}, goals: [], events: [], cards: [], states: [], services: {}, dock: null });
@@ -109,37 +109,37 @@ export class Robot {
     if (this.constants.wheels) for (const one of [odometry, truth, command]) one?.addRims(this.constants.wheels[1]);
   }
 
-  /** Level and words of the state at a time. */
+  /** Return level and text of the state at a time. */
   stateAt(time) {
     const [, level, text] = this.states.findLast(([since]) => since <= time) ?? [0, 0, ""];
     return [level, text];
   }
 
-  /** v and omega at a time: measured, else commanded. */
+  /** Return v and omega at a time: measured, or else commanded. */
   speedAt(time) {
     const curve = this.curves.odometry ?? this.curves.command;
     return { v: curve?.at("v", time) ?? NaN, omega: curve?.at("omega", time) ?? NaN };
   }
 
-  /** Estimate minus truth at a time: distance and heading; null without both. */
+  /** Return the error of the estimate at a time: distance and heading; null without an estimate or a truth. */
   errorAt(time) {
     const [a, b] = [this.curves.estimate?.poseAt(time), this.curves.truth?.poseAt(time)];
     return a && b ? { distance: Math.hypot(a.x - b.x, a.y - b.y), heading: wrapAngle(a.theta - b.theta) } : null;
   }
 
-  /** Time [s] since the newest goal was accepted, at most until its answer; NaN without a goal. */
+  /** Return the time [s] from the acceptance of the newest goal to its answer or to a time; NaN without a goal. */
   clockAt(time) {
     const goal = this.goalAt(time);
     return goal ? Math.min(time, goal[4] ?? Infinity) - goal[0] : NaN;
   }
 
-  /** Set the planned path from a time on; without points, there is no path. */
+  /** Set the planned path from a time on; no points end the path. */
   setPlan([time, points]) {
     const rows = points.length ? points : [[NaN, NaN]];
     this.plan = new Curve({ t: rows.map(() => time), x: rows.map(([x]) => x), y: rows.map(([, y]) => y) }, rows.length);
   }
 
-  /** The points [x, y] of the planned path at a time. */
+  /** Return the points [x, y] of the planned path at a time. */
   planAt(time) {
     const { t, x, y } = this.plan.columns;
     const points = [];
@@ -158,12 +158,12 @@ export class Robot {
     }
   }
 
-  /** The best available curve of the pose of the robot. */
+  /** Return the best available curve of the pose of the robot. */
   get main() {
     return this.curves.estimate ?? this.curves.truth ?? this.curves.odometry ?? null;
   }
 
-  /** The newest goal [t, x, y, theta, end] at a time, or null. */
+  /** Return the newest goal [t, x, y, theta, end] at a time, or null. */
   goalAt(time) {
     return this.goals.findLast((goal) => goal[0] <= time) ?? null;
   }
@@ -179,7 +179,7 @@ function column(bytes, { unit, at }, rows) {
   return values;
 }
 
-/** The robots of a report; its columns are packed by diffbot_tools/view/report.py. */
+/** Return the robots of a report; diffbot_tools/view/report.py has packed their columns. */
 export async function unpackRobots(data) {
   const packed = Uint8Array.from(atob(data.packed), (letter) => letter.charCodeAt(0));
   const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));

@@ -13,12 +13,12 @@ export class View {
     Object.assign(this, { x: 0, y: 0, scale: 60, width: 300, height: 200, follow: false, isOwn: false });
   }
 
-  /** Pixels of a point [m]. */
+  /** Return the pixels of a point [m]. */
   toScreen(x, y) {
     return [this.width / 2 + (x - this.x) * this.scale, this.height / 2 - (y - this.y) * this.scale];
   }
 
-  /** Point [m] of pixels. */
+  /** Return the point [m] of pixels. */
   toWorld(px, py) {
     return [this.x + (px - this.width / 2) / this.scale, this.y - (py - this.height / 2) / this.scale];
   }
@@ -31,7 +31,7 @@ export class View {
     this.isOwn = true;
   }
 
-  /** Zoom about a pixel, whose point [m] does not change. */
+  /** Zoom about a pixel, which keeps its point [m]. */
   zoom(factor, px = this.width / 2, py = this.height / 2) {
     const [x, y] = this.toWorld(px, py);
     this.scale = Math.min(Math.max(this.scale * factor, MIN_SCALE), MAX_SCALE);
