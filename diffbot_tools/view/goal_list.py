@@ -155,6 +155,9 @@ class GoalList:
             elapsed = time - goal.time
         # The controller counts from the first pose after the goal. The recorder may receive the status late.
         accepted = time - elapsed if is_exact else max(goal.time, time - elapsed)
+        for at, one in enumerate(self.goals[:index]):
+            if one.id == goal.id:  # an earlier pose of the same path
+                self.goals[at] = one._replace(time=min(one.time, accepted))
         self.goals[index] = goal._replace(
             time=accepted, end=status.message, reason=reason, source=source, ended=time, elapsed=elapsed
         )

@@ -313,10 +313,11 @@ class RobotModel:
             self._put_goals()
 
     def _on_results(self, message: Any, goals: GoalList) -> None:
-        # The stamp is the time of the newest answer. A recorder that is held up receives the message later.
-        stamped = self._clock.of(stamp_ns(message.header.stamp))
-        is_exact = abs(stamped - self._now) <= _MAX_DELAY
-        time = stamped if is_exact else self._now
+        # The stamp is the time of the newest answer. A recorder that is held up receives the message later. On a live page
+        # the first message is latched, and its old stamp must not become time 0.
+        stamp = stamp_ns(message.header.stamp)
+        is_exact = self._clock.origin is not None and abs(self._clock.of(stamp) - self._now) <= _MAX_DELAY
+        time = self._clock.of(stamp) if is_exact else self._now
         is_docking = goals is self.dockings
         for one in goals.add_results(time, statuses_of(message), is_exact=is_exact):
             if isinstance(one, Goal):

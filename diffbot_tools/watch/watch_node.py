@@ -67,10 +67,10 @@ class WatchNode(DiffbotNode[WatchConfig]):
         self._recording = PageRecording(Path(folder), self._put_recording) if folder else None
         clock = PageClock()
         self._robots: dict[str, RobotSource] = {}
-        self._clients: dict[str, RobotClient] = {}
+        self._robot_clients: dict[str, RobotClient] = {}
         for name, namespace in zip(self._names, config.namespaces, strict=True):
             self._robots[name] = RobotSource(self, name, namespace, self._state, clock)
-            self._clients[name] = RobotClient(namespace, config, partial(self._on_info, name))
+            self._robot_clients[name] = RobotClient(namespace, config, partial(self._on_info, name))
         self.subscribe(DiagnosticArray, "/diagnostics", self._on_diagnostics, QUEUE)
         self.create_timer(_UPDATE_PERIOD, self._update, clock=self.steady_clock)
         self._put_recording()
@@ -80,7 +80,7 @@ class WatchNode(DiffbotNode[WatchConfig]):
     def _on_request(self, request: Request, reply: Reply) -> None:
         """Pass a request to the robot or to the recorder; called in the server's thread."""
         if request.kind != "record":
-            self._clients[request.robot].add(request, reply)
+            self._robot_clients[request.robot].add(request, reply)
         elif self._recording is not None:
             self._recording.add(request.is_on, reply)
         else:
@@ -149,7 +149,7 @@ class WatchNode(DiffbotNode[WatchConfig]):
         if self._opened is not None:
             self._opened.unlink(missing_ok=True)
         self.server.stop()
-        for client in self._clients.values():
+        for client in self._robot_clients.values():
             client.stop()
         if self._recording is not None:
             self._recording.close()

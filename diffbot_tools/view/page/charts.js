@@ -86,7 +86,7 @@ const columnOf = (robot, { curve, column }) => {
 };
 const hasNumbers = (robot, one) => {
   const found = columnOf(robot, one);
-  return Boolean(found?.columns[one.column].subarray(0, found.rows).some(Number.isFinite));
+  return Boolean(found?.columns[one.column].some(Number.isFinite));
 };
 
 /** Return the lines of a chart, each with its robot; in a comparison, one line for each run in the colour of the run. */

@@ -23,10 +23,10 @@ export function roundStep(length) {
   return power * (share >= 5 ? 5 : share >= 2 ? 2 : 1);
 }
 
-/** Return the index of the last of `count` increasing `values` that is at most `value`; -1 if all are larger. */
-export function lastAtMost(values, count, value) {
+/** Return the index of the last of increasing `values` that is at most `value`; -1 if all are larger. */
+export function lastAtMost(values, value) {
   let low = 0;
-  let high = count;
+  let high = values.length;
   while (low < high) {
     const middle = (low + high) >> 1;
     if (values[middle] <= value) low = middle + 1;

@@ -267,7 +267,7 @@ function drawLandmarks(context, view, robot, time, colours) {
     for (const [dx, dy] of [[0, -7], [7, 0], [0, 7], [-7, 0]]) context.lineTo(px + dx, py + dy);
     context.closePath();
     // In `inView`, begins and ends of intervals alternate.
-    if (lastAtMost(inView, inView.length, time) % 2 === 0) context.fill();
+    if (lastAtMost(inView, time) % 2 === 0) context.fill();
     context.stroke();
     context.fillText(String(number), px + 8, py - 5);
   }

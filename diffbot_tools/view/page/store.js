@@ -10,55 +10,43 @@ const MISSING = -2147483648;
 
 /** Columns of numbers, with their times [s] in the column `t`. */
 export class Curve {
-  constructor(columns, rows) {
-    Object.assign(this, { columns, rows, rims: 0 });
-  }
-
-  /** Return an empty curve with these columns, for `append`. */
-  static growing(names) {
-    return new Curve(Object.fromEntries(names.map((name) => [name, new Float64Array(1024)])), 0);
+  constructor(columns) {
+    this.columns = columns;
+    this.names = Object.keys(columns);
   }
 
   get t() {
     return this.columns.t;
   }
 
-  /** Append a row in the order of the columns; null is a missing number. If there are LIVE_ROWS, drop the older half. */
-  append(row) {
-    if (this.rows && row[0] < this.t[this.rows - 1]) this.rows = 0; // time has jumped back: a new run
-    const names = Object.keys(this.columns);
-    if (this.rows === this.t.length) {
-      const drop = this.rows >= LIVE_ROWS ? this.rows >> 1 : 0;
-      for (const name of names) {
-        const old = this.columns[name];
-        const grown = drop ? old : new Float64Array(2 * old.length);
-        grown.set(old.subarray(drop));
-        this.columns[name] = grown;
-      }
-      this.rows -= drop;
-      this.rims = 0;
-    }
-    names.forEach((name, index) => {
-      this.columns[name][this.rows] = row[index] ?? NaN;
-    });
-    this.rows += 1;
+  get rows() {
+    return this.t.length;
   }
 
-  /** Compute the new rows of the columns left and right: speeds of the wheel rims [m/s]; `track` is the wheel separation [m]. */
+  /** Append a row in the order of the columns; null is a missing number. If there are LIVE_ROWS, drop the older half. */
+  append(row) {
+    const isNewRun = row[0] < this.t.at(-1); // the time has jumped back
+    const dropped = isNewRun ? this.rows : this.rows < LIVE_ROWS ? 0 : LIVE_ROWS / 2;
+    if (dropped) {
+      for (const name of this.names) this.columns[name].splice(0, dropped);
+      for (const [side] of SIDES) delete this.columns[side];
+    }
+    this.names.forEach((name, index) => this.columns[name].push(row[index] ?? NaN));
+  }
+
+  /** Compute the missing rows of the columns left and right: speeds of the wheel rims [m/s]; `track` is the wheel separation [m]. */
   addRims(track) {
     const { v, omega } = this.columns;
-    if (!v) return;
-    const begin = this.columns.left && this.rims <= this.rows ? this.rims : 0;
+    if (!v || !omega) return;
     for (const [side, share] of SIDES) {
-      this.columns[side] ??= new Float64Array(v.length);
-      for (let i = begin; i < this.rows; i += 1) this.columns[side][i] = v[i] + share * track * omega[i];
+      const rim = (this.columns[side] ??= []);
+      for (let i = rim.length; i < this.rows; i += 1) rim.push(v[i] + share * track * omega[i]);
     }
-    this.rims = this.rows;
   }
 
   /** Return the index of the last row at or before a time; -1 before the first row. */
   indexAt(time) {
-    return lastAtMost(this.t, this.rows, time);
+    return lastAtMost(this.t, time);
   }
 
   /** Return the value of a column in the last row at or before a time; NaN before the first row. */
@@ -94,13 +82,13 @@ export class Curve {
 export class Robot {
   constructor(name, constants) {
     Object.assign(this, { name, constants, curves: {}, goals: [], events: [], cards: [], states: [], services: {}, dock: null });
-    this.plan = new Curve({ t: [], x: [], y: [] }, 0);
+    this.plan = new Curve({ t: [], x: [], y: [] });
     this.landmarks = new Map();
   }
 
   /** Append a row to a curve; the first row creates the curve. */
   append(curve, names, row) {
-    (this.curves[curve] ??= Curve.growing(names)).append(row);
+    (this.curves[curve] ??= new Curve(Object.fromEntries(names.map((name) => [name, []])))).append(row);
   }
 
   /** Compute the speeds of the rims for the new rows. */
@@ -136,7 +124,7 @@ export class Robot {
   /** Set the planned path from a time on; no points end the path. */
   setPlan([time, points]) {
     const rows = points.length ? points : [[NaN, NaN]];
-    this.plan = new Curve({ t: rows.map(() => time), x: rows.map(([x]) => x), y: rows.map(([, y]) => y) }, rows.length);
+    this.plan = new Curve({ t: rows.map(() => time), x: rows.map(([x]) => x), y: rows.map(([, y]) => y) });
   }
 
   /** Return the points [x, y] of the planned path at a time. */
@@ -187,7 +175,7 @@ export async function unpackRobots(data) {
   return data.robots.map((one) => {
     const curves = Object.entries(one.curves).map(([name, { rows, columns }]) => {
       const unpacked = Object.entries(columns).map(([key, place]) => [key, column(bytes, place, rows)]);
-      return [name, new Curve(Object.fromEntries(unpacked), rows)];
+      return [name, new Curve(Object.fromEntries(unpacked))];
     });
     const { plan, ...shown } = Object.fromEntries(curves);
     const landmarks = new Map(one.landmarks.map(([number, x, y, inView]) => [number, { number, x, y, inView }]));

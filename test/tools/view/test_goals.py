@@ -16,29 +16,14 @@ from diffbot_tools.view.texts import Status
 BEGIN, SECOND = view_bags.BEGIN, 10**9
 LATE = 2_000_000
 """[ns] between a goal and the status that names it"""
-# Name, time [s] of the goal, x of its pose, topic or not, its end and the time [s] of the end.
-REPLACED_TWICE = (
+GOALS = (
     ("a", 1.0, 1.0, True, "replaced", 3.0),
-    ("b", 3.0, 2.0, True, "replaced", 3.2),
-    ("c", 3.2, 3.0, True, "reached", 6.0),
+    ("b", 3.0, 1.0, True, "reached", 4.0),
+    ("c", 5.0, 2.0, False, "cancelled", 6.0),
+    ("d", 6.0, 3.0, True, "not reached", 8.0),
+    ("e", 8.5, 4.0, True, "", 0.0),
 )
-REPLACED_THEN_OTHER_ENDS = (
-    ("a", 1.0, 1.0, True, "replaced", 2.0),
-    ("b", 2.0, 2.0, False, "cancelled", 4.0),
-    ("c", 5.0, 3.0, False, "replaced", 7.0),
-    ("d", 7.0, 4.0, True, "not reached", 9.0),
-)
-CANCELLED_BY_THE_NEXT_GOAL = (
-    ("a", 1.0, 1.0, False, "cancelled", 3.0),
-    ("b", 3.0, 2.0, False, "reached", 5.0),
-    ("c", 5.5, 3.0, True, "", 0.0),
-)
-THE_SAME_GOAL_AGAIN = (
-    ("a", 1.0, 1.0, True, "replaced", 3.0),
-    ("b", 3.0, 1.0, True, "reached", 5.0),
-    ("c", 6.0, 1.0, True, "reached", 6.1),
-)
-ORDERS = (REPLACED_TWICE, REPLACED_THEN_OTHER_ENDS, CANCELLED_BY_THE_NEXT_GOAL, THE_SAME_GOAL_AGAIN)
+"""Name, time [s], x of the pose [m], True if sent on goal_pose, end, and time of the end [s]; b has the pose of a."""
 
 
 def id_of(name):
@@ -87,37 +72,36 @@ def rows_of(folder, *arguments, **options):
     return robot
 
 
-@pytest.mark.parametrize("goals", ORDERS)
-def test_each_goal_gets_its_own_end(tmp_path, goals):
-    robot = rows_of(tmp_path, goals)
-    titles = [f"Goal {number}: {x:.2f}, 0.00 m, 0 deg" for number, (_, _, x, *_) in enumerate(goals, 1)]
+def test_each_goal_gets_its_own_end(tmp_path):
+    robot = rows_of(tmp_path, GOALS)
+    titles = [f"Goal {number}: {x:.2f}, 0.00 m, 0 deg" for number, (_, _, x, *_) in enumerate(GOALS, 1)]
     assert [row["title"] for row in robot["cards"]] == titles
-    assert [row["end"] for row in robot["cards"]] == [end for *_, end, _ in goals]
-    for row, (_, sent, _, _, end, ended) in zip(robot["cards"], goals, strict=True):
+    assert [row["end"] for row in robot["cards"]] == [end for *_, end, _ in GOALS]
+    for row, (_, sent, _, _, end, ended) in zip(robot["cards"], GOALS, strict=True):
         # Without a message on goal_pose, a goal was sent when the status first named it.
         assert row["accepted"] == pytest.approx(sent, abs=0.01)
         assert not end or row["time"] == pytest.approx(ended - sent, abs=0.01)
         assert (row["level"] == NEUTRAL) == (end in ("replaced", "cancelled"))
-    assert len([one for one in robot["events"] if one[1] == "end"]) == len([one for one in goals if one[-2]])
+    assert len([one for one in robot["events"] if one[1] == "end"]) == 4
 
 
 def test_a_bag_that_begins_within_a_goal_has_the_whole_time_of_the_goal(tmp_path):
-    robot = rows_of(tmp_path, REPLACED_TWICE, begin=4.0, before=(("a", "replaced"), ("b", "replaced")))
-    (row,) = robot["cards"]
-    assert (row["title"], row["verdict"]) == ("Goal 1: 3.00, 0.00 m, 0 deg", "Reached in 2.8 s")
-    assert [one[3] for one in robot["events"] if one[1] in ("goal", "end")] == [
-        "goal 1: x 3.00 m, y 0.00 m, 0 deg",
-        "goal reached [request]",
-    ]
+    robot = rows_of(tmp_path, GOALS, begin=5.5, before=(("a", "replaced"), ("b", "reached")))
+    card = robot["cards"][0]
+    assert (card["title"], card["verdict"]) == (
+        "Goal 1: 2.00, 0.00 m, 0 deg",
+        "Cancelled (sent by request) after 1.0 s",
+    )
+    events = [one.text for one in robot["events"] if one.kind in ("goal", "end")]
+    assert events[:2] == ["goal 1: x 2.00 m, y 0.00 m, 0 deg", "goal 2: x 3.00 m, y 0.00 m, 0 deg"]
+    assert events[2] == "goal cancelled [request]"
 
 
 def test_a_goal_that_the_controller_never_accepted_has_no_answer(tmp_path):
-    path = tmp_path / "bag"
     extra = [("/goal_pose", BEGIN + int(2.9 * SECOND), view_bags.goal(0, 9.0, 0.0, 0.0))]
-    found = sorted([*messages(REPLACED_TWICE), *extra], key=lambda one: one[1])
-    view_bags.write(path, found)
-    (robot,) = page_data(read_bag(path))["robots"]
-    assert [row["end"] for row in robot["cards"]] == ["replaced", "", "replaced", "reached"]
+    view_bags.write(tmp_path / "bag", sorted([*messages(GOALS), *extra], key=lambda one: one[1]))
+    (robot,) = page_data(read_bag(tmp_path / "bag"))["robots"]
+    assert [row["end"] for row in robot["cards"]] == ["replaced", "", "reached", "cancelled", "not reached", ""]
 
 
 def test_a_live_page_does_not_list_goals_that_ended_before_it_was_opened():
@@ -126,6 +110,15 @@ def test_a_live_page_does_not_list_goals_that_ended_before_it_was_opened():
     goals.add_status(1.0, Status(0, "controller", "driving", {"goal": "1 0 0", "goal id": "b" * 32}))
     (end,) = goals.add_results(2.0, [earlier, Status(0, "b" * 32, "cancelled", {"elapsed time [s]": "1.500"})])
     assert (end.end, end.id, end.ended, end.elapsed) == ("cancelled", "b" * 32, 2.0, 1.5)
+
+
+def test_the_poses_of_a_path_stay_in_their_order_if_the_status_is_received_late():
+    goals, path = GoalList(), "a" * 32
+    goals.add_status(1.2, Status(0, "controller", "driving", {"goal": "1 0 0", "goal id": path}))
+    goals.add_status(2.0, Status(0, "controller", "driving", {"goal": "2 0 0", "goal id": path}))
+    goals.add_results(3.0, [Status(0, path, "reached", {"elapsed time [s]": "2.000"})], is_exact=True)
+    ordered = sorted(goals.goals, key=lambda goal: goal.time)
+    assert [(goal.pose.x, goal.end) for goal in ordered] == [(1.0, "passed"), (2.0, "reached")]
 
 
 def test_figures_of_a_goal_are_those_of_its_drive_until_the_answer(circle):
