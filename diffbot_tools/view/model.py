@@ -313,8 +313,8 @@ class RobotModel:
             self._put_goals()
 
     def _on_results(self, message: Any, goals: GoalList) -> None:
-        # The stamp is the time of the newest answer. A recorder that is held up receives the message later. On a live page
-        # the first message is latched, and its old stamp must not become time 0.
+        # The stamp is the time of the newest answer. A recorder that is held up receives the message later.
+        # The stamp must not become time 0 of a live page, since the first message is latched and can be old.
         stamp = stamp_ns(message.header.stamp)
         is_exact = self._clock.origin is not None and abs(self._clock.of(stamp) - self._now) <= _MAX_DELAY
         time = self._clock.of(stamp) if is_exact else self._now
