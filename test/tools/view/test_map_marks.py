@@ -136,19 +136,6 @@ def content(message):
     return message[1]
 
 
-def test_a_cloud_waits_for_the_estimate_at_its_stamp(live):
-    model, kept = live
-    model.add("estimate", content(view_bags.estimate(BEGIN, 0.0, 0.0, 3.0)))
-    cloud = view_bags.cloud(BEGIN + 50_000_000, (4, 1.0, 0.0), (5, 1.0, 2.0, math.inf))
-    model.add("landmarks", content(cloud))
-    assert "landmarks" not in kept.values
-    # The heading passes pi: halfway it is 3.1, not 0.
-    model.add("estimate", content(view_bags.estimate(BEGIN + 100_000_000, 2.0, 0.0, 3.2 - 2.0 * math.pi)))
-    time, found = kept.values["landmarks"]
-    assert time == pytest.approx(0.05)
-    assert found == [pytest.approx([1.0 + math.cos(3.1), math.sin(3.1), 4])]
-
-
 def test_dock_and_detections_are_placed_by_the_estimates_at_their_stamps(live):
     model, kept = live
     dock, first, second = Pose(3.0, 1.0, 0.5), Pose(1.0, 0.0, 0.3), Pose(2.0, 0.5, -0.2)
