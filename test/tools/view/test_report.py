@@ -158,6 +158,14 @@ def test_csv_and_tum_files_have_the_values_of_the_curves(circle, run_of_circle, 
     assert table["law.rho"][250] == pytest.approx(1.5)
 
 
+def test_robots_whose_files_would_have_the_same_name_are_refused_and_no_file_is_written(tmp_path):
+    streams = [view_bags.drive(10, namespace=namespace) for namespace in ("/a/b", "/a_b")]
+    found = read_bag(bag(tmp_path, (message for pair in zip(*streams, strict=True) for message in pair)))
+    with pytest.raises(DiffbotError, match="files of the same name"):
+        export(found, tmp_path / "run.html", csv=True, tum=True)
+    assert not list(tmp_path.glob("run*"))
+
+
 @given(st.integers(0, 2**32), st.integers(100, 5000), st.floats(0.0, 0.9))
 def test_thinning_keeps_the_peaks_of_every_column_whatever_values_are_missing(seed, n, missing):
     rng = np.random.default_rng(seed)
