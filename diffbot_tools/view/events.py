@@ -75,7 +75,7 @@ class EventMaker:
         self._states[status.name] = status.message
         for key, value in status.values.items():
             is_relocation = key.startswith("relocations by ")
-            if not (is_relocation or key.endswith(" rejected")) or not value.isdigit():
+            if not (is_relocation or key.endswith(" rejected")) or not value.isdecimal():
                 continue
             count, name = int(value[:15]), f"{status.name} {key}"
             if (more := count - self._counts.get(name, 0)) > 0:
