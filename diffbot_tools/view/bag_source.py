@@ -25,8 +25,9 @@ from diffbot_tools.opened_bag import open_bag
 from diffbot_tools.view.columns import COLUMNS, Array, Columns
 from diffbot_tools.view.constants import recorded_config, recorded_wheels
 from diffbot_tools.view.events import Event
-from diffbot_tools.view.model import PageClock, RobotModel
+from diffbot_tools.view.model import RobotModel
 from diffbot_tools.view.results import GoalOutcome, outcomes_of
+from diffbot_tools.view.track import PageClock
 
 ODOMETRY = "nav_msgs/msg/Odometry"
 POSE, POSE_STAMPED = "geometry_msgs/msg/PoseWithCovarianceStamped", "geometry_msgs/msg/PoseStamped"
@@ -49,34 +50,36 @@ ROLES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "dock_pose": (("dock/pose",), (POSE,)),
     "detections": (("detected_dock_pose",), (POSE_STAMPED, POSE)),
     "docking": (("dock_controller/status",), (STATUS,)),
+    "docking_goals": (("dock/goal_pose",), (POSE_STAMPED,)),
+    "docking_results": (("dock_controller/goal_results",), (STATUSES,)),
 }
-"""Topics and types of each role: names below the robot's namespace, the preferred name first."""
+"""Topics and types of each role: names without the robot's namespace, the preferred name first."""
 COMMON = {"/diagnostics": ("diagnostics", STATUSES), "/rosout": ("log", "rcl_interfaces/msg/Log")}
-"""Role and type of the topics of all robots together."""
+"""Role and type of the topics that all robots share."""
 MAX_EVENTS = 10_000
-"""Events of one kind that are kept of a robot; later events are dropped."""
+"""Number of events of one kind that are kept of a robot. Later events are dropped."""
 MAX_STATES, MAX_PLANS, MAX_LANDMARKS, MAX_VISITS = 5000, 200, 500, 5000
-"""Lines of state, paths, landmarks, and intervals in which a landmark is in view, that a report shows."""
+"""Largest numbers in a report: state lines, paths, landmarks, and intervals in which a landmark is in view."""
 _POSES = ("truth", "estimate", "odometry", "transforms")
-"""Roles with a pose of the robot; a namespace with one of them is a robot."""
+"""Roles with a pose of the robot. A namespace with one of them is a robot."""
 _FOREIGN_CLOCK = 1.0
-"""[s] Smallest difference between stamps and log times that means two clocks."""
+"""[s] If stamps and log times differ by more than this, they are times of different clocks."""
 _FIRST = 200
-"""Messages of a topic that are read to find the clock of a bag."""
+"""Number of messages of a topic that are read to find the clock of a bag."""
 
 Roles = dict[str, str]
 """Topic by role."""
 
 
 class BagRobot:
-    """One robot of a bag: the sink of its model, which stores the results."""
+    """One robot of a bag, and the sink that stores the results of its model."""
 
     def __init__(self, namespace: str, names: Roles, clock: PageClock, parameters: Parameters) -> None:
         """Start without messages.
 
         Args:
             namespace: such as ``/robot1``.
-            names: its topics.
+            names: topics of the robot.
             clock: clock of the bag.
             parameters: recorded parameters of all nodes.
         """
@@ -92,7 +95,7 @@ class BagRobot:
         self.states: list[list[Any]] = []
         """time [s], level and text"""
         self.dock: dict[str, Any] | None = None
-        """the last dock, see RobotModel"""
+        """the newest dock, see RobotModel"""
         self._rows: dict[str, array[float]] = {name: array("d") for name in COLUMNS}
         self._counts: Counter[str] = Counter()
         self._plans: list[tuple[float, list[list[float]]]] = []
@@ -143,19 +146,25 @@ class BagRobot:
 
     @property
     def outcomes(self) -> list[GoalOutcome]:
-        """How each goal ended."""
+        """How each goal in the map ended, in the order of acceptance."""
         return outcomes_of(sorted(self.model.goals.goals, key=lambda goal: goal.time), self.curves)
 
     @property
+    def docking_outcomes(self) -> list[GoalOutcome]:
+        """How each goal in the frame of the dock ended, in the order of acceptance."""
+        path = {"estimate": self.curves["docking"]} if "docking" in self.curves else {}
+        return outcomes_of(sorted(self.model.dockings.goals, key=lambda goal: goal.time), path)
+
+    @property
     def plan(self) -> Columns:
-        """Time [s], x and y [m] of all points of paths. Points of one path have one time; NaN: the path has ended."""
+        """Time [s], x and y [m] of all points of paths. All points of a path have the same time; NaN ends a path."""
         rows = [(time, x, y) for time, points in self._plans for x, y in points or [[math.nan, math.nan]]]
         return dict(zip(("t", "x", "y"), np.array(rows).reshape(-1, 3).T, strict=True))
 
     def landmarks(self) -> list[list[Any]]:
-        """Return number, x and y [m], and begin and end [s] of each interval in view, of each landmark.
+        """Return a row for each landmark: number, x and y [m], and begin and end [s] of each interval in view.
 
-        The place of a landmark is the mean of its measurements. It is in view until two periods after a measurement.
+        The position is the mean of the measurements. A landmark is in view until two periods after a measurement.
         """
         marks = np.array(self._marks).reshape(-1, 4)
         numbers, counts = np.unique(marks[:, 0], return_counts=True)
@@ -169,7 +178,7 @@ class BagRobot:
 
 
 class BagRun(NamedTuple):
-    """A bag as the report needs it."""
+    """The contents of a bag that a report shows."""
 
     title: str
     origin: int
@@ -178,11 +187,11 @@ class BagRun(NamedTuple):
     topics: list[TopicInfo]
     messages: int
     lost: int | None
-    """messages that the recorder lost; None if it did not report its losses"""
+    """number of messages that the recorder lost; None if the recorder did not report it"""
     is_cut_off: bool
-    """the bag was not closed"""
+    """True if the bag was not closed"""
     malformed: int
-    """messages that could not be used"""
+    """number of messages that could not be used"""
 
 
 @np.errstate(all="ignore")
@@ -191,8 +200,8 @@ def read_bag(path: Path, config: SwitchingConfig | None = None, is_from_goal: bo
 
     Args:
         path: folder or .mcap file.
-        config: configuration whose tolerances and limits are drawn; None: the recorded one, else ``tuned``.
-        is_from_goal: the first goal, if there is one, is at time 0; else the first pose.
+        config: has the tolerances and limits that are drawn; None for the recorded configuration, else ``tuned``.
+        is_from_goal: put the first goal at time 0, if there is one, instead of the first pose.
 
     Raises:
         DiffbotError: if the bag cannot be read, or has no pose of a robot.
@@ -207,7 +216,7 @@ def read_bag(path: Path, config: SwitchingConfig | None = None, is_from_goal: bo
             run = _read(reader, types, found, origin + round(min(starts) * NS_PER_S), offset, config)
     robots = [robot for robot in run.robots if robot.has_pose]
     if not robots:
-        raise DiffbotError(f"{path}: no pose of a robot in it: no odometry, pose or transform that could be read")
+        raise DiffbotError(f"{path} has no pose of a robot: no odometry, pose or transform could be read")
     return run._replace(robots=robots)
 
 
@@ -262,10 +271,10 @@ def _read(
 def robots_in(types: Mapping[str, str]) -> dict[str, Roles]:
     """Return the topics of each robot of a bag by its namespace, such as ``/robot1``.
 
-    A topic with a pose and an unknown name is a robot of its own, if there is no other.
+    If no topic has a known name, each topic with a pose is a robot.
 
     Args:
-        types: type of each topic, by its name.
+        types: type of each topic by its name.
     """
     found: dict[str, Roles] = {}
     for role, (names, role_types) in ROLES.items():
@@ -273,7 +282,7 @@ def robots_in(types: Mapping[str, str]) -> dict[str, Roles]:
             for topic, type_name in types.items():
                 if type_name in role_types and topic.endswith(f"/{name}"):
                     found.setdefault(topic[: -len(name) - 1], {}).setdefault(role, topic)
-    # The namespace /odometry of /odometry/filtered, beside /odom, is not another robot.
+    # A bag with /odom and /odometry/filtered has one robot: /odometry is not a namespace.
     for space in sorted(found, key=len, reverse=True):
         parent, _, last = space.rpartition("/")
         if last in ("odometry", "wheel", "gps", "dock") and parent in found:
@@ -287,7 +296,7 @@ def robots_in(types: Mapping[str, str]) -> dict[str, Roles]:
 
 
 def _clock_of(reader: BagReader, types: Mapping[str, str], found: Mapping[str, Roles]) -> tuple[int, int]:
-    """Return the first stamp [ns] of a pose, and log time minus stamp [ns] if they are of different clocks, else 0."""
+    """Return the first stamp [ns] of a pose, and log time minus stamp [ns] if the two clocks differ, else 0."""
     topics = [roles[role] for role in _POSES for roles in found.values() if role in roles]
     first: list[int] = []
     offset = 0
@@ -310,7 +319,7 @@ def _clock_of(reader: BagReader, types: Mapping[str, str], found: Mapping[str, R
 
 
 def _error_curve(estimate: Columns, truth: Columns) -> dict[str, Columns]:
-    """Return the curve ``error`` (estimate minus truth, three standard deviations, NEES), or nothing without truth."""
+    """Return the curve ``error``: estimate minus truth, three standard deviations, NEES. Return {} without a truth."""
     times, first = np.unique(truth["t"], return_index=True)
     if len(times) < 2:
         return {}
@@ -336,7 +345,10 @@ def _error_curve(estimate: Columns, truth: Columns) -> dict[str, Columns]:
 
 
 def _visits(times: Array, pause: float) -> list[float]:
-    """Return begin and end [s] of each run of times without a longer pause; a run ends a pause after its last time."""
+    """Return begin and end [s] of each visit.
+
+    A gap longer than ``pause`` separates two visits. A visit ends a pause after its last time.
+    """
     times = np.sort(times)
     gaps = np.flatnonzero(np.diff(times) > pause)
     begins, ends = times[np.r_[0, gaps + 1]], times[np.r_[gaps, len(times) - 1]] + pause

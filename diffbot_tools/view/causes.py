@@ -1,4 +1,4 @@
-"""Finds in the curves why a goal was missed: a silent topic, a wheel that stood or slipped, wrong fixes."""
+"""Finds in the curves why a goal was missed: a topic without messages, a wheel that stood or slipped, wrong fixes."""
 
 from __future__ import annotations
 
@@ -12,23 +12,30 @@ from diffbot_core.kinematics import WheelGeometry
 from diffbot_tools.view.columns import Array, Columns
 from diffbot_tools.view.texts import ERROR, WARNING
 
-_NEEDED = {"odometry": "odometry", "fixes": "fix", "estimate": "pose from the filter", "command": "command"}
-"""Curves that a robot with a goal gets all the time, and their names in words."""
+_NEEDED = {
+    "odometry": "odometry",
+    "fixes": "fix",
+    "estimate": "pose from the filter",
+    "docking": "detected dock",
+    "command": "command",
+}
+"""Curves that a robot with a goal receives continuously, and the name of one row in words."""
 _SILENCE, _SILENT_PERIODS = 2.0, 10.0
-"""Smallest silence that is reported: [s], and periods of the curve."""
+"""Shortest gap of a curve that is reported: [s], and as a multiple of the period of the curve."""
 _LAST, _STANDING = 5.0, 0.1
-"""Time before the end of a goal [s], and share of the commanded speed below which a wheel counts as standing in it."""
+"""A wheel counts as standing if it turned at less than the share _STANDING of the commanded speed in the last _LAST
+seconds before the end of the goal."""
 _SLIP, _GRIP, _TURNING = 1.0, 0.7, 0.2
 """Shortest slip that is reported [s]. A wheel slips if the true speed of its rim is below the share _GRIP of the
 measured speed, while the measured speed is above the share _TURNING of its maximum."""
 _MIN_FIXES, _CHANCE = 10, 4.0
-"""Smallest number of fixes for a mean error; standard deviations of the mean that chance does not explain."""
+"""Smallest number of fixes for a mean error, and the number of standard deviations of the mean that chance explains."""
 
 
 def causes(
     curves: Mapping[str, Columns], begin: float, end: float, config: SwitchingConfig, wheels: WheelGeometry | None
 ) -> list[tuple[int, str]]:
-    """Return level and text of each cause found between two times [s]; without ``wheels``, wheels are not examined."""
+    """Return level and text of each cause between two times [s]. Without ``wheels``, wheels are not examined."""
     part = {
         role: {name: values[(columns["t"] >= begin) & (columns["t"] <= end)] for name, values in columns.items()}
         for role, columns in curves.items()

@@ -1,4 +1,4 @@
-"""Tolerances, limits and the size of a robot, as the page draws them."""
+"""Tolerances, limits and size of a robot for the page."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from diffbot_core.kinematics import WheelGeometry
 from diffbot_core.schema import build, parameters_of
 
 NEES_BOUNDS = tuple(float(chdtri(3, tail)) for tail in (0.975, 0.025))
-"""Bounds of the NEES of a consistent estimate of three numbers, in which it is for 95 % of the time."""
+"""95 % bounds of the NEES of a consistent estimate of three numbers."""
 
 
 def constants_of(config: SwitchingConfig, wheels: WheelGeometry | None = None) -> dict[str, Any]:
-    """Return tolerances, limits and the size of the robot for the page; None: no limit, or an unknown size."""
+    """Return tolerances, limits and size of the robot; None stands for an infinite limit or an unknown size."""
     sheet, tolerance = config.data_sheet, config.tolerance
     limits = {"v": sheet.v_max, "omega": sheet.omega_max}
     if wheels is not None:
@@ -33,7 +33,7 @@ def constants_of(config: SwitchingConfig, wheels: WheelGeometry | None = None) -
 
 
 def recorded_config(parameters: Mapping[str, Any]) -> SwitchingConfig:
-    """Return the configuration of a controller from its recorded parameters; missing ones are those of ``tuned``.
+    """Return the configuration of a controller from its recorded parameters, with defaults for missing parameters.
 
     Raises:
         InvalidValueError: if a parameter is out of its bounds.

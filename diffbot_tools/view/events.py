@@ -1,25 +1,27 @@
-"""The list of events: goals and their ends, states, switches of the region, rejected measurements, faults."""
+"""The events of a robot: goals and their ends, states, switches of the region, rejected measurements and faults."""
 
 from __future__ import annotations
 
 from math import degrees
 from typing import NamedTuple
 
+from diffbot_control.goals.record import end_text
 from diffbot_control.law.regions import REGION_NAMES
+from diffbot_core.geometry import Pose
 from diffbot_tools.view.goal_list import Goal
 from diffbot_tools.view.texts import ERROR, OK, WARNING, BoundedTable, Status, cut
 
 MAX_NAMES = 1000
-"""Nodes and counters whose last value is kept."""
+"""Number of nodes and of counters whose last value is kept."""
 _LEVEL_OF_END = {"reached": OK, "cancelled": OK, "replaced": OK}
 _WARNING_LINE, _ERROR_LINE = 30, 40
 """Levels of a rcl_interfaces/Log."""
 _LEAP, _CONFIRMED = 1.0, 5
-"""Smallest jump of stamps [s]; messages in a row that confirm it, since a single message may only be late."""
+"""[s] Smallest jump of stamps, and number of consecutive messages that confirm it, since one message can be late."""
 
 
 class Event(NamedTuple):
-    """One line of the list; the page receives its fields in this order."""
+    """One line of the list of events. The page receives the fields in this order."""
 
     time: float
     """[s]"""
@@ -29,16 +31,22 @@ class Event(NamedTuple):
     text: str
 
 
-def goal_event(goal: Goal, count: int) -> Event:
-    """Return the event of a new goal, which is number ``count`` of its robot."""
+def goal_event(goal: Goal, count: int, is_docking: bool = False) -> Event:
+    """Return the event of a new goal, which is goal number ``count`` of its controller."""
     x, y, theta = goal.pose
-    return Event(goal.time, "goal", OK, f"goal {count}: x {x:.2f} m, y {y:.2f} m, {degrees(theta):.0f} deg")
+    text = f"goal {count}: x {x:.2f} m, y {y:.2f} m, {round(degrees(theta))} deg"
+    return Event(goal.time, "goal", OK, f"{docking_verb(goal.pose)}: accepted" if is_docking else text)
 
 
-def end_event(time: float, end: str, reason: str, source: str) -> Event:
-    """Return the event of an answer to a goal."""
-    words = f"goal {end}" + (f": {reason}" if reason else "") + (f" [{source}]" if source else "")
-    return Event(time, "end", _LEVEL_OF_END.get(end, ERROR), words)
+def end_event(time: float, end: str, reason: str, source: str, subject: str = "goal") -> Event:
+    """Return the event of an answer; ``subject`` is ``goal`` or, of a goal in the frame of the dock, ``dock:``."""
+    text = f"{subject} {end_text(end, reason)}" + (f" [{source}]" if source else "")
+    return Event(time, "end", _LEVEL_OF_END.get(end, ERROR), text)
+
+
+def docking_verb(goal: Pose) -> str:
+    """Return the name of a goal in the frame of the dock, where the docked robot is at the origin."""
+    return "dock" if goal == Pose(0.0, 0.0, 0.0) else "undock"
 
 
 class EventMaker:
@@ -58,7 +66,7 @@ class EventMaker:
         self._ahead: dict[str, tuple[float, int]] = {}
 
     def of_status(self, time: float, status: Status) -> list[Event]:
-        """Return the events of a ~/status: a new state, and counters of the filter that have increased."""
+        """Return the events of a ~/status: a new state, and increased counters of the filter."""
         found = []
         if status.message != self._states.get(status.name, ""):
             reason = status.values.get("reason", "")
@@ -67,7 +75,7 @@ class EventMaker:
         self._states[status.name] = status.message
         for key, value in status.values.items():
             is_relocation = key.startswith("relocations by ")
-            if not (is_relocation or key.endswith(" rejected")) or not value.isdigit():
+            if not (is_relocation or key.endswith(" rejected")) or not value.isdecimal():
                 continue
             count, name = int(value[:15]), f"{status.name} {key}"
             if (more := count - self._counts.get(name, 0)) > 0:
@@ -104,7 +112,7 @@ class EventMaker:
         return [Event(time, "fault", ERROR if level >= _ERROR_LINE else WARNING, f"{cut(name)}: {cut(text)}")]
 
     def of_stamp(self, role: str, stamp: float, received: float) -> list[Event]:
-        """Return an event if the stamps [s] of a topic have jumped against the times of reception [s] for good."""
+        """Return an event if the stamps [s] of a topic have jumped with respect to the times of reception [s]."""
         ahead = stamp - received
         usual, count = self._ahead.get(role, (ahead, 0))
         if abs(ahead - usual) <= _LEAP:

@@ -1,4 +1,4 @@
-"""The newest state of all robots, which the thread of ROS writes and the thread of the server reads."""
+"""The newest state of all robots. The thread of ROS writes it, and the thread of the server reads it."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from diffbot_tools.view.columns import COLUMNS
 from diffbot_tools.view.events import Event
 
 EVENTS, HISTORY = 500, 6000
-"""Events of a robot, and rows of a curve (ten minutes at 10 Hz), that a browser receives when it connects."""
+"""Number of events of a robot, and of rows of a curve (ten minutes at 10 Hz), that a new browser receives."""
 _HISTORY_PERIOD = 0.1 - 1e-6
-"""[s] between two rows of the history; the margin allows for the rounding of times"""
+"""[s] Shortest time between two rows of the history, with a margin for the rounding of times."""
 
 Key = tuple[str, str, str]
-"""Robot (empty: all robots), group (``rows`` or empty), name."""
+"""Robot (empty for all robots), group (``rows`` or empty) and name."""
 
 
-class News(NamedTuple):
+class Changes(NamedTuple):
     """The changes since a version of the state."""
 
     state: dict[str, Any]
-    """message ``state`` for the page; empty without a change"""
+    """message ``state`` for the page; empty if nothing has changed"""
     events: dict[str, list[Event]]
     """by robot"""
     version: int
@@ -47,7 +47,7 @@ class LiveState:
         }
 
     def put_row(self, robot: str, curve: str, row: Sequence[float]) -> None:
-        """Set the newest row of a curve, in the order of COLUMNS; numbers that are not finite count as missing."""
+        """Set the newest row of a curve, in the order of COLUMNS; numbers that are not finite become None."""
         numbers = _finite(row)
         with self._lock:
             self._set((robot, "rows", curve), numbers)
@@ -55,10 +55,10 @@ class LiveState:
             if history and row[0] < history[-1][0]:
                 history.clear()  # time has jumped back: a new run
             if math.isfinite(row[0]) and (not history or row[0] - history[-1][0] >= _HISTORY_PERIOD):
-                history.append(array("d", row))  # a quarter of the memory of a list
+                history.append(array("d", row))  # needs a quarter of the memory of a list
 
     def put(self, robot: str, name: str, value: Any) -> None:
-        """Set a named value of a robot, or of all robots with an empty ``robot``; the value is JSON."""
+        """Set a named value of a robot; with an empty ``robot``, of all robots together. The value is for JSON."""
         with self._lock:
             if (before := self._newest.get((robot, "", name))) is None or before[1] != value:
                 self._set((robot, "", name), value)
@@ -75,7 +75,7 @@ class LiveState:
                 self._events[robot].append((self._version, event))
 
     def history(self) -> list[dict[str, Any]]:
-        """Return the curves so far as messages for the page."""
+        """Return the rows so far as messages for the page, one message for each curve."""
         with self._lock:
             found = {key: list(rows) for key, rows in self._history.items() if rows}
         return [
@@ -83,8 +83,8 @@ class LiveState:
             for (robot, curve), rows in found.items()
         ]
 
-    def news(self, version: int) -> News:
-        """Return everything that is newer than ``version``; version 0 is before all."""
+    def changes_since(self, version: int) -> Changes:
+        """Return all values and events that are newer than ``version``; version 0 is older than all."""
         with self._lock:
             changed = {key: value for key, (since, value) in self._newest.items() if since > version}
             events = {
@@ -92,7 +92,7 @@ class LiveState:
                 for robot, many in self._events.items()
                 if many and many[-1][0] > version
             }
-            return News(_message(changed), events, self._version)
+            return Changes(_message(changed), events, self._version)
 
 
 class RobotSink:

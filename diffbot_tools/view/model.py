@@ -1,7 +1,7 @@
-"""One robot as the page shows it: messages in; rows of curves, events, goals and words out.
+"""Translates the messages of one robot into rows of curves, events, goals and texts for the page.
 
-The same model serves a bag (view/bag_source.py) and a running robot (watch/ros_source.py). It keeps the newest values
-only, and passes its results to a sink, which stores as much as it needs.
+The same model serves a bag (view/bag_source.py) and a running robot (watch/ros_source.py). It keeps only the newest
+values, and passes its results to a sink, which stores them.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -20,33 +21,32 @@ from diffbot_control.ros.messages.landmark_cloud import landmark_points
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import MAX_COORDINATE, Pose, into_frame, origin_of_frame, out_of_frame, wrap_angle
 from diffbot_core.kinematics import Twist
-from diffbot_core.stamps import S_PER_NS
-from diffbot_tools.view.events import Event, EventMaker, end_event, goal_event
+from diffbot_tools.view.events import Event, EventMaker, docking_verb, end_event, goal_event
 from diffbot_tools.view.goal_list import Goal, GoalList
 from diffbot_tools.view.texts import filter_numbers, number, status_of, statuses_of
-from diffbot_tools.view.track import BASES, Stamped, Track, TransformTree, base_name
+from diffbot_tools.view.track import BASES, PageClock, Stamped, Track, TransformTree, base_name
 from diffbot_tools.view.words import RobotSituation, docking_words, state_words
 
 LAW_LABELS = ("stamp", "rho", "alpha", "beta", "eps_P", "region", "V")
 """Labels of controller/navigation that the page needs."""
 MAX_POINTS = 500
-"""Points of a path that are drawn."""
+"""Number of points of a path that are drawn."""
 SHOWN_GOALS = 50
-"""The newest goals, which a live page shows."""
+"""Number of newest goals that a live page shows."""
 _COVARIANCE = np.array([0, 1, 7, 35, 5, 11])
-"""places of xx, xy, yy, tt, xt and yt in the covariance of a pose"""
+"""Indices of xx, xy, yy, tt, xt and yt in the covariance of a pose message."""
 _NO_COVARIANCE = np.zeros(36)
 _UNKNOWN_COVARIANCE = (math.nan,) * len(_COVARIANCE)
 _LAST_STAMP = 2.0**31
-"""[s] Largest stamp of ROS; a larger number is not a stamp."""
+"""[s] Largest stamp of ROS. A larger number is not a stamp."""
 _STATE_PERIOD = 0.5
-"""[s] between two lines of state that differ only in their numbers"""
+"""[s] Shortest time between two updates of the state line for new distances."""
 _MAX_DELAY = 60.0
-"""[s] by which a recorder may receive a result late"""
+"""[s] Largest delay of a recorder. A result whose stamp differs by more has the stamp of another clock."""
 _MAX_WAITING = 100
-"""Fixes, clouds and detections that wait for the pose of their time."""
+"""Number of fixes, clouds and detections that wait for the pose at their stamp."""
 _MAX_HELD = 2000
-"""Odometry messages that wait for the first pose in the map."""
+"""Number of odometry messages that wait for the first pose in the map."""
 
 
 class ModelSink(Protocol):
@@ -62,26 +62,12 @@ class ModelSink(Protocol):
         """Set ``state``, ``goals``, ``plan``, ``landmarks`` or ``dock`` to a value for JSON."""
 
 
-class PageClock:
-    """Times of the page: seconds since the first stamp."""
-
-    def __init__(self, origin: int | None = None) -> None:
-        """Set the stamp of time 0 [ns]; None: the first stamp that is passed to :meth:`of`."""
-        self.origin = origin
-
-    def of(self, stamp: int) -> float:
-        """Return the time [s] of a stamp [ns]."""
-        if self.origin is None:
-            self.origin = stamp
-        return (stamp - self.origin) * S_PER_NS
-
-
 class _Waiting(NamedTuple):
     """A measurement that waits for the pose of the robot at its stamp [ns]."""
 
     stamp: int
     place: Callable[[Pose], None]
-    """called with that pose"""
+    """called with the pose"""
 
 
 class RobotModel:
@@ -91,12 +77,14 @@ class RobotModel:
         """Start without messages.
 
         Args:
-            clock: of the page; robots of one page share it.
+            clock: clock of the page, which all its robots share.
             sink: receives the results.
             namespace: such as ``/robot1``.
-            roles: topics that exist, see bag_source.ROLES; a role is added with its first message.
+            roles: roles of the topics that exist, see bag_source.ROLES. A missing role is added with its first message.
         """
-        self.time, self.goals, self.roles = 0.0, GoalList(), set(roles)
+        self.time, self.roles = 0.0, set(roles)
+        self.goals, self.dockings = GoalList(), GoalList()
+        """goals of the controller in map, and of the controller in the frame of the dock"""
         self.tolerance, self.docking_config = 0.1, DockingConfig()
         self._clock, self._sink = clock, sink
         self._events = EventMaker(namespace)
@@ -111,10 +99,15 @@ class RobotModel:
         self._words_time = -math.inf
         self._law_labels: list[str] = []
         self._law_places: list[int] = []
-        """of LAW_LABELS among the labels of the newest message"""
+        """indices of LAW_LABELS in the labels of the newest message"""
         self._dock: Pose | None = None
         self._detections: deque[Pose] = deque(maxlen=20)
-        self._handlers: dict[str, Callable[[Any], None]] = {
+        self._handlers = self._make_handlers()
+        self._role = ""
+
+    def _make_handlers(self) -> dict[str, Callable[[Any], None]]:
+        """Return the method that processes the messages of each role."""
+        return {
             **{role: self._on_estimate for role in ("estimate", "truth")},
             "odometry": self._on_odometry,
             "fixes": self._on_fix,
@@ -122,8 +115,8 @@ class RobotModel:
             "law": self._on_law,
             "controller": self._on_controller,
             "filter": self._on_filter,
-            "goals": self._on_goal_pose,
-            "results": self._on_results,
+            "goals": partial(self._on_goal_pose, goals=self.goals),
+            "results": partial(self._on_results, goals=self.goals),
             "feedback": self._on_feedback,
             "plan": self._on_plan,
             "landmarks": self._on_landmarks,
@@ -131,10 +124,11 @@ class RobotModel:
             "dock_pose": self._on_dock_pose,
             "detections": self._on_detection,
             "docking": self._on_docking,
+            "docking_goals": partial(self._on_goal_pose, goals=self.dockings),
+            "docking_results": partial(self._on_results, goals=self.dockings),
             "diagnostics": lambda message: self._add(self._events.of_diagnostics(self._now, statuses_of(message))),
             "log": lambda one: self._add(self._events.of_log(self._now, one.level, one.name, one.msg)),
         }
-        self._role = ""
 
     @property
     def main(self) -> str:
@@ -145,12 +139,12 @@ class RobotModel:
         """Process a message: any object with the attributes of its ROS type.
 
         Args:
-            role: of its topic, see bag_source.ROLES.
-            message: of a type of that role.
-            received: [s] time of reception, for messages without a stamp; None: the time of the newest pose.
+            role: role of its topic, see bag_source.ROLES.
+            message: has a type of this role.
+            received: [s] time of reception, for messages without a stamp; None for the time of the newest pose.
 
         Raises:
-            BadMessageError: if it cannot be used.
+            BadMessageError: if the message cannot be used.
         """
         self.roles.add("estimate" if role == "transforms" else role)
         self._role, self._now = role, self.time if received is None else received
@@ -160,12 +154,12 @@ class RobotModel:
         self._handlers[role](message)
 
     def finish(self) -> None:
-        """End a bag: without a pose in the map, place the odometry in its own frame."""
+        """Process the end of a bag: if it has no pose in the map, place the odometry in its own frame."""
         if self._odometry_frame is None:
             self._place_odometry(Pose(0.0, 0.0, 0.0))
 
     def set_state(self, **values: Any) -> None:
-        """Change fields of the words.RobotSituation, from which the line of state is made."""
+        """Change fields of the words.RobotSituation, which determines the state line."""
         self._situation = self._situation._replace(**values)
         self._put_state()
 
@@ -224,7 +218,7 @@ class RobotModel:
             self._put_state()
 
     def _wait(self, stamp: int, place: Callable[[Pose], None]) -> None:
-        """Call ``place`` with the pose of the robot at a stamp [ns], as soon as it is known."""
+        """Call ``place`` with the pose of the robot at a stamp [ns], as soon as the pose is known."""
         if stamp > self._track.end:
             self._waiting.append(_Waiting(stamp, place))
         elif (pose := self._track.at(stamp)) is not None:
@@ -243,10 +237,10 @@ class RobotModel:
             self._place_odometry(self._odometry_frame)
 
     def _align_odometry(self) -> None:
-        """Place the odometry so that it starts at the first pose in the map after its own start.
+        """Place the odometry so that its path and the path in the map begin at the same pose.
 
-        That pose is the true pose if there is one, else the estimate. From there on, the two paths differ by the
-        drift of the odometry.
+        The first pose in the map after the start of the odometry is used: the true pose if there is one, else the
+        estimate. After this pose, the two paths differ by the drift of the odometry.
         """
         if self._reference is not None and self._held and self._reference.stamp < self._held[0][0].stamp:
             self._reference = None
@@ -300,7 +294,7 @@ class RobotModel:
     def _on_controller(self, message: Any) -> None:
         status = status_of(message)
         was_on_path = "waypoint" in self._situation.controller.values
-        self._take_goal(self.goals.take_status(self._now, status))
+        self._add_goal(self.goals.add_status(self._now, status), self.goals)
         if was_on_path and "waypoint" not in status.values:
             self._sink.put("plan", [self._now, []])
         is_driving = status.message == "driving"
@@ -308,31 +302,35 @@ class RobotModel:
         self._put_goals()
         self._add(self._events.of_status(self._now, status))
 
-    def _on_goal_pose(self, message: Any) -> None:
+    def _on_goal_pose(self, message: Any, goals: GoalList) -> None:
         header = message.header
-        goal = self.goals.take_request(self._now, header.frame_id, stamp_ns(header.stamp), pose_of(message.pose))
-        self._take_goal(goal)
+        stamp = stamp_ns(header.stamp)
+        self._add_goal(goals.add_request(self._now, header.frame_id, stamp, pose_of(message.pose)), goals)
 
-    def _take_goal(self, goal: Goal | None) -> None:
+    def _add_goal(self, goal: Goal | None, goals: GoalList) -> None:
         if goal is not None:
-            self._add([goal_event(goal, self.goals.count)])
+            self._add([goal_event(goal, goals.count, is_docking=goals is self.dockings)])
             self._put_goals()
 
-    def _on_results(self, message: Any) -> None:
-        # Older controllers do not stamp results. A recorder that is held up, and its clock, are late.
+    def _on_results(self, message: Any, goals: GoalList) -> None:
+        # The stamp is the time of the newest answer. A recorder that is held up receives the message later.
+        # The stamp must not become time 0 of a live page, since the first message is latched and can be old.
         stamp = stamp_ns(message.header.stamp)
-        is_exact = bool(stamp) and abs(self._clock.of(stamp) - self._now) <= _MAX_DELAY
+        is_exact = self._clock.origin is not None and abs(self._clock.of(stamp) - self._now) <= _MAX_DELAY
         time = self._clock.of(stamp) if is_exact else self._now
-        for one in self.goals.take_results(time, statuses_of(message), is_exact=is_exact):
+        is_docking = goals is self.dockings
+        for one in goals.add_results(time, statuses_of(message), is_exact=is_exact):
             if isinstance(one, Goal):
-                event = end_event(time, one.end, one.reason, one.source)
+                subject = f"{docking_verb(one.pose)}:" if is_docking else "goal"
+                event = end_event(time, one.end, one.reason, one.source, subject)
             else:
-                event = end_event(time, one.message, *(one.values.get(key, "") for key in ("reason", "source")))
+                reason, source = (one.values.get(key, "") for key in ("reason", "source"))
+                event = end_event(time, one.message, reason, source, "docking:" if is_docking else "goal")
             self._add([event])
         self._put_goals()
 
     def _put_goals(self) -> None:
-        """Pass the newest goals to the sink; a goal in the future belongs to the run before a jump of the time."""
+        """Pass the newest goals in the map to the sink, without goals of a run before the time jumped back."""
         rows = [
             [one.time, *one.pose, None if math.isnan(one.ended) else one.ended]
             for one in self.goals.goals[-SHOWN_GOALS:]
@@ -386,6 +384,9 @@ class RobotModel:
         stamp, in_dock = _stamped_pose(message)
         is_known = uncertainty_of(planar_covariance(message.pose.covariance)).xy <= MAX_UNCERTAINTY
 
+        if is_known:
+            self._row("docking", self._clock.of(stamp), *in_dock)
+
         def place(robot: Pose) -> None:
             self._dock = origin_of_frame(in_dock, robot) if is_known else None
             self._put_dock()
@@ -394,7 +395,7 @@ class RobotModel:
 
     def _on_detection(self, message: Any) -> None:
         if base_name(message.header.frame_id) not in BASES:
-            return  # only the filter knows how this detector is mounted
+            return  # only the filter knows where this detector is mounted
         stamp, docked = _stamped_pose(message)
 
         def place(robot: Pose) -> None:
@@ -417,6 +418,7 @@ class RobotModel:
 
     def _on_docking(self, message: Any) -> None:
         status = status_of(message)
+        self._add_goal(self.dockings.add_status(self._now, status), self.dockings)
         self.set_state(docking=docking_words(status, self._situation.docking))
         self._add(self._events.of_status(self._now, status))
 

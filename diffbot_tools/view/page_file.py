@@ -1,7 +1,7 @@
-"""The page as one HTML file that contains style, modules and data, loads nothing, and runs only its own script.
+"""Builds the page: one HTML file with style, script and data, which loads no other file and runs no other script.
 
-The modules in page/ are plain ES modules. A file that is opened from the disk cannot import others, so the modules are
-joined without their imports and the word ``export``. Therefore no two modules may define the same name.
+The files in page/ are ES modules. A page that is opened from the disk cannot import modules, so the modules are joined
+without ``import`` and ``export``. Therefore no two modules may define the same name.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from typing import Any
 
 MODULES = (
     "geometry.js",
-    "theme.js",
     "store.js",
     "view.js",
     "map.js",
-    "charts.js",
     "panels.js",
-    "player.js",
+    "charts.js",
+    "page.js",
+    "report.js",
     "live.js",
     "main.js",
 )
@@ -38,12 +38,12 @@ def page_text(name: str) -> str:
 
 @cache
 def script() -> str:
-    """Return the modules, joined."""
+    """Return the joined modules."""
     return "\n" + "\n".join(_EXPORT.sub("", _IMPORT.sub("", page_text(name))) for name in MODULES)
 
 
 def policy(connect: str = "'none'") -> str:
-    """Return the content security policy: this script and this style by their hashes, connections to ``connect``."""
+    """Return the content security policy: only this script, this style, and connections to ``connect`` are allowed."""
     return (
         f"default-src 'none'; script-src {_hash(script())}; style-src {_hash(page_text('style.css'))}; "
         f"img-src 'none'; connect-src {connect}; base-uri 'none'; form-action 'none'"
@@ -62,10 +62,7 @@ def html(data: Any, connect: str = "'none'") -> str:
 
 
 def embedded_json(data: Any) -> str:
-    """Return JSON that cannot end a script element or begin a comment, since it contains no ``<``.
-
-    It is ASCII, so U+2028 is escaped, too.
-    """
+    """Return ASCII JSON without ``<``, which cannot end a script element or begin a comment."""
     return json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
 
 

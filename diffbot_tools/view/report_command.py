@@ -1,4 +1,4 @@
-"""The command ``diffbot report``: write an HTML file about a bag, and CSV and TUM files beside it."""
+"""The command ``diffbot report``: write an HTML page about a bag, and CSV and TUM files beside it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 from diffbot_core.errors import DiffbotError
 
 MAX_BAGS = 3
-"""Bags in one report."""
+"""Largest number of bags in one report."""
 
 
 def add_report(commands: Any) -> None:
@@ -22,41 +22,31 @@ def add_report(commands: Any) -> None:
         "bag",
         type=Path,
         nargs="+",
-        help=f"folder or .mcap file of a bag; up to {MAX_BAGS} are laid over each other",
+        help=f"folder or .mcap file of a bag; the page lays up to {MAX_BAGS} bags over each other",
     )
     report.add_argument("-o", "--out", type=Path, help="file to write (default: BAG.html beside the bag)")
     report.add_argument(
         "--preset",
         choices=tuple(PRESETS),
-        help="whose tolerances and limits are drawn (default: those that the recorder noted in the bag, else tuned)",
+        help="draw the tolerances and limits of this preset (default: the recorded parameters, else tuned)",
     )
-    for flag, what in (("csv", "a table"), ("tum", "trajectories for evo")):
-        report.add_argument(f"--{flag}", action="store_true", help=f"write {what} beside it, too")
+    report.add_argument("--csv", action="store_true", help="write a table beside the page, too")
+    report.add_argument("--tum", action="store_true", help="write trajectories for evo beside the page, too")
     report.set_defaults(call=_call)
 
 
 def _call(options: argparse.Namespace) -> int:
-    out = options.out or options.bag[0].resolve().with_suffix(".html")
-    return run(options.bag, out, options.preset, options.csv, options.tum)
-
-
-def run(bags: Sequence[Path], out: Path, preset: str | None = None, csv: bool = False, tum: bool = False) -> int:
-    """Write the report of a bag, or of several bags laid over each other, and print the names of the files.
-
-    Raises:
-        DiffbotError: if a bag cannot be read, or a file cannot be written.
-    """
-    out = out.expanduser()
+    bag, *others = (one.expanduser() for one in options.bag)
+    out = (options.out or bag.resolve().with_suffix(".html")).expanduser()
     if out.suffix.lower() not in (".html", ".htm"):
-        raise DiffbotError(f"--out {out}: must end with .html")
+        raise DiffbotError(f"--out {out}: the name must end with .html")
     if not out.parent.is_dir():
-        raise DiffbotError(f"--out {out}: no folder {out.parent}")
-    if len(bags) > MAX_BAGS:
-        raise DiffbotError(f"{len(bags)} bags: must be at most {MAX_BAGS}")
-    if len(bags) > 1 and (csv or tum):
-        raise DiffbotError("--csv and --tum: only with one bag")
-    bag, *others = (one.expanduser() for one in bags)
-    files = write_report(bag, out, preset, csv, tum, others)
+        raise DiffbotError(f"--out {out}: the folder {out.parent} does not exist")
+    if len(others) >= MAX_BAGS:
+        raise DiffbotError(f"{len(options.bag)} bags are too many for one report: give at most {MAX_BAGS}")
+    if others and (options.csv or options.tum):
+        raise DiffbotError("--csv and --tum work with one bag only")
+    files = write_report(bag, out, options.preset, options.csv, options.tum, others)
     print(f"Report {out}" + (f", beside it {', '.join(path.name for path in files)}" if files else ""))
     return 0
 
@@ -69,14 +59,14 @@ def write_report(
     tum: bool = False,
     others: Sequence[Path] = (),
 ) -> list[Path]:
-    """Write the page ``out`` atomically; return the files beside it.
+    """Write the page ``out`` atomically; return the CSV and TUM files beside it.
 
-    With several bags, the times of each bag begin with its first goal.
+    With other bags, which the page lays over the first bag, the time of each bag begins at its first goal.
 
     Raises:
-        DiffbotError: if the bag cannot be read, or a file cannot be written.
+        DiffbotError: if a bag cannot be read, or a file cannot be written.
     """
-    # Only the called command loads what it needs.
+    # Imported here, since the command line imports this module for every command.
     from diffbot_control.law.presets import PRESETS  # noqa: PLC0415
     from diffbot_core.files import write_text  # noqa: PLC0415
     from diffbot_tools.view.bag_source import read_bag  # noqa: PLC0415

@@ -1,7 +1,8 @@
-"""Results of a recording: how each goal ended, in figures and in words, and the health of filter, recording and nodes.
+"""Results of a bag: how each goal and each docking ended, and the health of filter, recording and nodes.
 
-``diffbot demo``, its table and the report use the same definitions. The error of a goal is the error of the pose at the
-answer of the controller. The time of a goal is the time from its acceptance to the answer.
+``diffbot demo`` and the report use the same definitions. The error of a goal is the error of the pose at the answer of
+the controller. The time of a goal is the time from its acceptance to the answer. A docking is a goal in the frame of
+the dock.
 """
 
 from __future__ import annotations
@@ -9,57 +10,57 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from math import degrees
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from diffbot_control.goals.record import CANCELLED, REACHED, REPLACED
+from diffbot_control.goals.record import CANCELLED, REACHED, REPLACED, end_text
 from diffbot_control.goals.states import NOT_AT_GOAL
 from diffbot_control.law.configuration import SwitchingConfig
-from diffbot_core.errors import DiffbotError
 from diffbot_core.geometry import Pose, into_frame
 from diffbot_core.kinematics import WheelGeometry
 from diffbot_tools.view.causes import causes
 from diffbot_tools.view.columns import Columns
 from diffbot_tools.view.constants import NEES_BOUNDS
-from diffbot_tools.view.events import Event
+from diffbot_tools.view.events import Event, docking_verb
 from diffbot_tools.view.goal_list import PASSED, Goal
 from diffbot_tools.view.texts import ERROR, OK, WARNING
 from diffbot_tools.view.words import Words, length_text
 
 NEUTRAL = -1
-"""Level of a goal that was neither reached nor missed: it was cancelled, replaced or passed."""
+"""Level of a goal that was neither reached nor missed, but cancelled, replaced or passed."""
 TRUSTED_SHARE = 0.9
-"""Smallest share of the time below the 95 % bound of a trustworthy filter, whose errors are correlated in time."""
+"""A trustworthy filter is below its 95 % bound for this share of the time; its errors are correlated in time."""
 _ROUNDING = 1e-6
 _LIMITS = (("v", "m/s"), ("omega", "rad/s"))
 _SLACK = 0.5
-"""Difference between the stamps by which a controller accelerates and the times of its recorded commands [periods]."""
+"""[periods] Largest difference between the time at which the controller computed a command and its recorded time."""
 _MAX_FAULTS = 3
 _START = 2.0
-"""[s] after the first goal in which warnings are ignored, since nodes still start"""
+"""[s] Warnings are ignored until this time after the first goal, since nodes are still starting."""
+_DOCKING_CURVES = ("docking", "odometry", "command", "truth")
+"""Curves that show why a docking failed."""
 
 
 class GoalOutcome(NamedTuple):
     """How a goal ended.
 
-    The figures are about the drive from the acceptance of the goal to its answer. They are those of the true poses if
-    the recording has them, else those of the estimated poses.
+    The figures describe the drive from the acceptance of the goal to its answer. They are computed from the true poses
+    if the bag has them, else from the estimated poses.
     """
 
     goal: Pose
-    """[m, m, rad] in the map"""
+    """[m, m, rad] in the map; of a docking, in the frame of the dock"""
     accepted: float
-    """[s] when the controller accepted the goal, since the first pose of the recording"""
+    """[s] when the controller accepted the goal, since the first pose of the bag"""
     end: str = ""
-    """one of diffbot_control.goals.record.ENDS, or PASSED; empty: the recording has no answer"""
+    """one of diffbot_control.goals.record.ENDS, or PASSED; empty if the bag has no answer"""
     reason: str = ""
-    """of the end; may be empty"""
+    """reason of the end; may be empty"""
     source: str = ""
-    """who sent the goal: a topic, an action or a request"""
+    """sender of the goal: a topic, an action or a request"""
     ended: float = math.nan
-    """[s] when it was answered, since the first pose of the recording; nan without an answer"""
+    """[s] when the goal was answered, since the first pose of the bag; nan without an answer"""
     time: float = math.nan
     """[s] from the acceptance to the answer, by the controller; nan without an answer"""
     position_error: float = math.nan
@@ -67,7 +68,7 @@ class GoalOutcome(NamedTuple):
     heading_error: float = math.nan
     """[rad] at the same time, not negative"""
     is_true: bool = False
-    """the figures are those of the true poses; else of the estimated poses"""
+    """True if the figures are computed from the true poses"""
     path_length: float = math.nan
     """[m] travelled, forwards and backwards"""
     direct_distance: float = math.nan
@@ -76,33 +77,12 @@ class GoalOutcome(NamedTuple):
     """turns in both directions; 1 is a full turn"""
 
 
-def goal_results(bag: Path, namespace: str = "") -> list[GoalOutcome]:
-    """Return how each goal of a robot ended, in the order in which the goals were accepted.
-
-    Args:
-        bag: folder or .mcap file.
-        namespace: of the robot, such as ``/robot1``; empty: the robot without one, or the only robot of the bag.
-
-    Raises:
-        DiffbotError: if the bag cannot be read, or has no pose of that robot.
-    """
-    # bag_source imports this module.
-    from diffbot_tools.view.bag_source import read_bag  # noqa: PLC0415
-
-    robots = read_bag(bag).robots
-    name = namespace.strip("/") or "robot"
-    chosen = [one for one in robots if one.name == name] or (robots if not namespace and len(robots) == 1 else [])
-    if not chosen:
-        raise DiffbotError(f"{bag}: no robot '{name}' in it: {', '.join(one.name for one in robots)}")
-    return chosen[0].outcomes
-
-
 def outcomes_of(goals: Sequence[Goal], curves: Mapping[str, Columns]) -> list[GoalOutcome]:
-    """Return how each goal ended, without the goal that was reached before the recording.
+    """Return how each goal ended, without a goal that was reached before the recording.
 
     Args:
         goals: in the order of time.
-        curves: of the robot.
+        curves: with ``truth`` or ``estimate``, the path in the frame of the goals.
     """
     driven = [goal for goal in goals if not goal.is_earlier]
     path = curves.get("truth", curves.get("estimate"))
@@ -121,7 +101,7 @@ def outcomes_of(goals: Sequence[Goal], curves: Mapping[str, Columns]) -> list[Go
 
 
 def _with_figures(outcome: GoalOutcome, path: Columns) -> GoalOutcome:
-    """Fill in the figures of a drive along a path of poses x, y, theta."""
+    """Return the outcome with the figures of a drive along a path of poses x, y, theta."""
     x, y, theta = path["x"], path["y"], path["theta"]
     last = into_frame(Pose(float(x[-1]), float(y[-1]), float(theta[-1])), outcome.goal)
     turns = np.abs(np.diff(np.unwrap(theta[np.isfinite(theta)])))
@@ -143,61 +123,99 @@ def is_reached(outcome: GoalOutcome, config: SwitchingConfig) -> bool:
 
 
 def cards_of(
-    outcomes: Sequence[GoalOutcome],
+    goals: Sequence[GoalOutcome],
     curves: Mapping[str, Columns],
     config: SwitchingConfig,
     wheels: WheelGeometry | None = None,
+    dockings: Sequence[GoalOutcome] = (),
 ) -> list[dict[str, Any]]:
-    """Return a card per goal for the page: level, verdict and lines in words, and the figures of the table.
+    """Return the cards of the page in the order of time: level, verdict and lines in words, and figures of the table.
 
     The card of a missed goal contains the causes that the curves show, see causes.py.
+
+    Args:
+        goals: outcomes of the goals in the map.
+        curves: of the robot.
+        config: configuration of the controller in the map.
+        wheels: None if unknown.
+        dockings: outcomes of the goals in the frame of the dock.
     """
+    last = max((float(columns["t"][-1]) for columns in curves.values() if len(columns["t"])), default=0.0)
+    in_map = {name: columns for name, columns in curves.items() if name != "docking"}
+    at_dock = {name: curves[name] for name in _DOCKING_CURVES if name in curves}
     cards = []
-    for index, one in enumerate(outcomes):
-        following = outcomes[index + 1].accepted if index + 1 < len(outcomes) else math.inf
-        last = max((float(columns["t"][-1]) for columns in curves.values() if len(columns["t"])), default=0.0)
+    for number, (one, following) in enumerate(_with_following(goals), 1):
+        x, y, theta = one.goal
+        title = f"Goal {number}: {x:.2f}, {y:.2f} m, {round(degrees(theta))} deg"
         until = min(following, last) if math.isnan(one.ended) else one.ended
-        level, verdict = _verdict(one, math.isinf(following), config)
-        lines = list(_figure_lines(one, level)) if math.isfinite(one.position_error) else []
+        verdict = _verdict(one, math.isinf(following), is_reached(one, config))
+        lines = _figure_lines(one, verdict[0])
         if "law" in curves and "command" in curves:
             lines += _limits(curves["command"], one.accepted, until, config)
-        if level > OK:
-            lines = [*causes(curves, one.accepted, until, config, wheels), *lines]
-        figures = ("time", "position_error", "heading_error", "path_length", "direct_distance", "revolutions")
-        values = {name: getattr(one, name) for name in (*figures, "ended")}
-        cards.append(
-            {
-                "goal": list(one.goal),
-                "accepted": one.accepted,
-                "end": one.end,
-                "level": level,
-                "verdict": verdict,
-                "lines": lines,
-                **{name: value if math.isfinite(value) else None for name, value in values.items()},
-            }
-        )
-    return cards
+        if verdict[0] > OK:
+            lines = [*causes(in_map, one.accepted, until, config, wheels), *lines]
+        cards.append(_card(one, title, verdict, lines))
+    for one, following in _with_following(dockings):
+        title = docking_verb(one.goal).capitalize()
+        until = min(following, last) if math.isnan(one.ended) else one.ended
+        verdict = _verdict(one, math.isinf(following), True, f"{title}ed")
+        lines = _figure_lines(one, verdict[0])
+        if verdict[0] > OK:
+            lines = [*causes(at_dock, one.accepted, until, config, wheels), *lines]
+        cards.append(_card(one, title, verdict, lines, is_docking=True))
+    return sorted(cards, key=lambda card: float(card["accepted"]))
 
 
-def _verdict(one: GoalOutcome, is_last: bool, config: SwitchingConfig) -> Words:
+def _with_following(outcomes: Sequence[GoalOutcome]) -> list[tuple[GoalOutcome, float]]:
+    """Return each goal with the time [s] at which the next goal was accepted; infinite for the last goal."""
+    times = [one.accepted for one in outcomes] + [math.inf]
+    return list(zip(outcomes, times[1:], strict=True))
+
+
+def _card(one: GoalOutcome, title: str, verdict: Words, lines: list[Words], is_docking: bool = False) -> dict[str, Any]:
+    figures = ("time", "ended", "position_error", "heading_error", "path_length", "direct_distance", "revolutions")
+    values = {name: getattr(one, name) for name in figures}
+    return {
+        "title": title,
+        "accepted": one.accepted,
+        "end": one.end,
+        "level": verdict[0],
+        "verdict": verdict[1],
+        "lines": lines,
+        "isDocking": is_docking,
+        **{name: value if math.isfinite(value) else None for name, value in values.items()},
+    }
+
+
+def _verdict(one: GoalOutcome, is_last: bool, is_confirmed: bool, reached: str = "Reached") -> Words:
+    """Return level and text of the result of a goal.
+
+    Args:
+        one: the goal.
+        is_last: no other goal follows.
+        is_confirmed: False if the pose contradicts the answer ``reached``.
+        reached: word for a goal that was reached.
+    """
     after = f"{max(one.time, 0.0):.1f} s"
+    if one.end == REACHED and is_confirmed:
+        return OK, f"{reached} in {after}"
     if one.end == REACHED:
-        is_off = not is_reached(one, config)
-        return (ERROR, f"Reported reached in {after}, but off the goal") if is_off else (OK, f"Reached in {after}")
-    sender = f" (sent by {one.source})" if one.source else ""
+        return ERROR, f"Reported reached in {after}, but off the goal"
     if one.end in (CANCELLED, REPLACED, PASSED):
         # The reason of a replaced goal names the sender of the newer goal.
-        who = f": {one.reason}" if one.reason else sender
-        return NEUTRAL, f"{one.end.capitalize()}{who} after {after}"
+        sender = f" (sent by {one.source})" if one.source else ""
+        return NEUTRAL, f"{one.end.capitalize()}{f': {one.reason}' if one.reason else sender} after {after}"
     if one.end:
-        reason = one.reason.removeprefix("not reached ") if one.end == "not reached" else one.reason
-        joint = " " if reason != one.reason else ": "
-        words = one.end.capitalize() + (f"{joint}{reason}" if reason else "")
-        return ERROR, f"{words} (after {after})"
+        # A reason may begin with the end, such as "not reached within 4 s".
+        is_repeated = one.reason.startswith(f"{one.end} ")
+        text = one.reason if is_repeated else end_text(one.end, one.reason)
+        return ERROR, f"{text[0].upper()}{text[1:]} (after {after})"
     return WARNING, "No answer: the recording ends before" if is_last else "No answer in the recording"
 
 
 def _figure_lines(one: GoalOutcome, level: int) -> list[Words]:
+    if math.isnan(one.position_error):
+        return []
     whose, at = "True" if one.is_true else "Estimated", " at the answer" if one.end else ""
     error = f"{whose} error{at} {length_text(one.position_error)}, {degrees(one.heading_error):.1f} deg"
     path = f"Path {one.path_length:.2f} m, straight line {one.direct_distance:.2f} m"
@@ -205,10 +223,10 @@ def _figure_lines(one: GoalOutcome, level: int) -> list[Words]:
 
 
 def _limits(command: Columns, begin: float, end: float, config: SwitchingConfig) -> list[Words]:
-    """Return a line that says whether the commands of an interval kept the limits; no line without limits."""
+    """Return a line that reports if the commands of an interval kept the limits; no line without limits."""
     part = (command["t"] >= begin) & (command["t"] <= end)
     sheet, found, is_kept = config.data_sheet, [], True
-    # Without a pose, the controller stops the robot at once, so a step to zero is never beyond a limit.
+    # Without a pose, the controller stops the robot at once. Therefore steps to zero are not compared with the limits.
     is_moving = ((command["v"] != 0.0) | (command["omega"] != 0.0))[part][1:]
     gaps = np.diff(command["t"][part])
     period = float(np.median(gaps[is_moving])) if is_moving.any() else math.nan
@@ -223,7 +241,7 @@ def _limits(command: Columns, begin: float, end: float, config: SwitchingConfig)
         steps = np.abs(np.diff(values))
         joined = np.isfinite(steps) & is_moving
         if joined.any() and math.isfinite(rate_limit):
-            # A late recorder shortens a gap, but not the step in it.
+            # If the recorder is late, recorded gaps can be shorter than the period of the controller.
             times, steps = np.maximum(gaps[joined], period), steps[joined]
             within = bool((steps <= rate_limit * (times + _SLACK * period)).all())
             is_kept = is_kept and within
@@ -236,12 +254,14 @@ def _limits(command: Columns, begin: float, end: float, config: SwitchingConfig)
 
 def result_line(cards: Sequence[Mapping[str, Any]]) -> Words:
     """Return the title of a report: how many goals were reached. A path counts as one goal, its last pose."""
-    total = [one for one in cards if one["end"] != PASSED]
-    if not total:
-        return OK, "no goal in the recording"
-    reached = sum(one["level"] == OK for one in total)
-    is_failed = any(one["level"] == ERROR for one in total)
-    return ERROR if is_failed else OK, f"{reached} of {len(total)} {'goal' if len(total) == 1 else 'goals'} reached"
+    parts = []
+    for is_docking, noun, done in ((False, "goal", "reached"), (True, "docking drive", "done")):
+        own = [one for one in cards if one["isDocking"] == is_docking and one["end"] != PASSED]
+        count = sum(one["level"] == OK for one in own)
+        if own:
+            parts.append(f"{count} of {len(own)} {noun}{'' if len(own) == 1 else 's'} {done}")
+    is_failed = any(one["level"] == ERROR for one in cards)
+    return ERROR if is_failed else OK, ", ".join(parts) or "no goal in the recording"
 
 
 def health_lines(
@@ -252,7 +272,7 @@ def health_lines(
     Args:
         curves: of the robot.
         events: of the robot.
-        lost: messages that the recorder lost; None: unknown.
+        lost: number of messages that the recorder lost; None if unknown.
         is_cut_off: the bag was not closed.
     """
     lines = [line for line in (_trust(curves),) if line]
@@ -260,7 +280,7 @@ def health_lines(
         lines.append((WARNING, "recording cut off: the bag was not closed"))
     if lost is not None:
         lines.append((WARNING, f"{lost} messages lost") if lost else (OK, "no message lost"))
-    # A state and its diagnosis have the same words, but other punctuation.
+    # A state and its diagnosis differ only in punctuation.
     found = {"".join(filter(str.isalnum, one.text)): one for one in reversed(_run_of(events)) if _is_fault(one)}
     faults = sorted(found.values(), key=lambda one: (-one.level, one.time))
     words = [one.text for one in faults]
@@ -283,7 +303,7 @@ def _run_of(events: Sequence[Event]) -> list[Event]:
 
 
 def _is_fault(event: Event) -> bool:
-    """Return True for faults, relocations and states that are errors; the card of a goal tells how it ended."""
+    """Return True for faults, relocations and states that are errors, except for goals that were not reached."""
     is_state = event.kind == "state" and event.level >= ERROR
     return (is_state or event.kind in ("fault", "relocation")) and f": {NOT_AT_GOAL}" not in event.text
 

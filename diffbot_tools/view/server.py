@@ -1,9 +1,9 @@
 """Serves the page and its WebSocket to browsers, in a thread of its own.
 
-Only the user may send goals to a robot. Therefore the address contains a token, and the Host and Origin headers must
-name this server: a foreign page in the same browser has another origin, and a rebound name is another host. Requests
-are small and are checked. A slow browser receives the newest state when it is ready for it. A browser that receives
-nothing, or that cannot be served, loses its own connection.
+Only the user may send goals to a robot. Therefore the address contains a token, and the headers Host and Origin must
+name this server. A foreign page in the same browser has another origin, and a name that was rebound to this machine is
+another host. Requests are small and are checked. A slow browser skips states and receives the newest one. If a browser
+does not receive, or if serving it fails, only its own connection is closed.
 """
 
 from __future__ import annotations
@@ -32,25 +32,26 @@ from websockets.http11 import Response
 
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_tools.view.columns import COLUMNS
-from diffbot_tools.view.intake import MAX_MESSAGE, Request, read_request
 from diffbot_tools.view.live_state import LiveState
 from diffbot_tools.view.page_file import html, policy
+from diffbot_tools.view.requests import MAX_MESSAGE, Request, read_request
 
 PERIOD = 1.0 / 30.0
-"""[s] between two messages to a browser: 30 frames a second"""
+"""[s] Shortest time between two states that are sent to a browser."""
 REQUEST_PERIOD = 0.02
-"""[s] between two requests of a browser that are read"""
+"""[s] Shortest time between two requests that are read from a browser."""
 OPEN_TIMEOUT = 5.0
-"""[s] after which a connection without a complete request is closed"""
+"""[s] After this time, a connection without a complete request is closed."""
 MAX_BROWSERS = 16
 MAX_BAD = 20
-"""bad requests after which a browser is disconnected"""
+"""After more bad requests, a browser is disconnected."""
 _START_TIMEOUT = 10.0
 SEND_TIMEOUT = 10.0
-"""[s] after which a browser that does not receive a message is disconnected"""
+"""[s] After this time, a browser that does not receive a message is disconnected."""
 MAX_OPENING = 64
-"""Connections without a complete request; beyond this number, the oldest is closed."""
+"""Number of connections without a complete request. If there are more, the oldest is closed."""
 _ANSWERS = 50
+"""Number of answers that wait for a browser."""
 
 Reply = Callable[[str, int], None]
 """Sends a text with a level from 0 to 2 to the browser; may be called from any thread."""
@@ -63,19 +64,19 @@ class Address(NamedTuple):
 
     host: str = "127.0.0.1"
     port: int = 0
-    """0: a free one"""
+    """0 chooses a free port"""
 
 
 class Connection(ServerConnection):
     """A connection, which is in ``opening`` until its handshake is complete."""
 
     def __init__(self, opening: Opening, *arguments: Any, **options: Any) -> None:
-        """Make a connection; ``opening`` belongs to the server."""
+        """Create a connection; all connections of a server share ``opening``."""
         super().__init__(*arguments, **options)
         self.opening = opening
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Add the connection to ``opening``; beyond MAX_OPENING, close the oldest."""
+        """Add the connection to ``opening``; if there are more than MAX_OPENING, close the oldest."""
         super().connection_made(transport)
         self.opening[self] = None
         if len(self.opening) > MAX_OPENING:
@@ -103,7 +104,7 @@ class Browser:
         self.answers.append({"type": "answer", "text": text, "level": level})
 
     async def send(self, message: Any) -> None:
-        """Send a message; if the browser does not receive it within SEND_TIMEOUT, close the connection."""
+        """Send a message. If the browser does not receive it within SEND_TIMEOUT, close the connection."""
         try:
             await asyncio.wait_for(self.connection.send(as_json(message)), SEND_TIMEOUT)
         except asyncio.TimeoutError:
@@ -121,14 +122,14 @@ class PageServer:
         on_error: Callable[[Exception], None],
         address: Address,
     ) -> None:
-        """Prepare the page; nothing listens yet.
+        """Prepare the server, which does not listen yet.
 
         Args:
             state: the state that the browsers show.
-            constants: tolerances and limits, see constants.py, until those of the robot are known.
-            on_request: called in the server's thread with each checked request; must return at once.
+            constants: tolerances and limits for the time before the robot has sent its own, see constants.py.
+            on_request: called in the server's thread with each valid request; must return at once.
             on_error: called in the server's thread with each unexpected exception; the server continues.
-            address: where to listen.
+            address: address to listen on.
         """
         self._state, self._constants, self._address = state, constants, address
         self._on_request, self._on_error = on_request, on_error
@@ -144,7 +145,7 @@ class PageServer:
 
     @property
     def url(self) -> str:
-        """The address with the token."""
+        """The address of the page, with the token."""
         host = self._address.host if self._address.host not in ("0.0.0.0", "::", "") else "127.0.0.1"
         host = f"[{host}]" if ":" in host else host
         return f"http://{host}:{self.port}/?token={self.token}"
@@ -155,14 +156,14 @@ class PageServer:
         return len(self._browsers)
 
     def start(self) -> None:
-        """Listen.
+        """Start to listen.
 
         Raises:
             DiffbotError: if the address cannot be used.
         """
         self._thread.start()
         if not self._started.wait(_START_TIMEOUT):
-            raise DiffbotError("the page server did not start")
+            raise DiffbotError(f"the server of the page did not start within {_START_TIMEOUT:g} s")
         if self._failure is not None:
             host, port = self._address
             raise DiffbotError(f"cannot listen on {host} port {port}: {self._failure.strerror or self._failure}")
@@ -210,26 +211,29 @@ class PageServer:
             await self._end.wait()
 
     def _answer_http(self, connection: ServerConnection, request: HttpRequest) -> Response | None:
-        """Return the page, or a refusal; None lets the WebSocket begin."""
+        """Return the page or a refusal; return None to start the WebSocket."""
         try:
             url = urllib.parse.urlsplit(request.path)
             host = _single(request.headers, "Host")
             if (refusal := self._refusal(url, host, _single(request.headers, "Origin"))) is not None:
                 return connection.respond(*refusal)
             return None if url.path == "/ws" else self._page(host)
-        except ValueError:  # brackets, bytes and escapes that no address has
+        except ValueError:  # the path is not a valid address
             return connection.respond(HTTPStatus.BAD_REQUEST, "bad request\n")
         except Exception as error:
             self._on_error(error)
             return connection.respond(HTTPStatus.INTERNAL_SERVER_ERROR, "internal error\n")
 
     def _refusal(self, url: urllib.parse.SplitResult, host: str, origin: str) -> tuple[HTTPStatus, str] | None:
-        """Return why a request is refused, None if it is not."""
+        """Return status and text of a refusal; None if the request is allowed."""
         tokens = urllib.parse.parse_qs(url.query).get("token", [""])
         if not self._is_own_host(host):
             return HTTPStatus.FORBIDDEN, "wrong Host\n"
         if not hmac.compare_digest(tokens[0].encode(), self.token.encode()):
-            return HTTPStatus.FORBIDDEN, "The address lacks its token: use the one that diffbot prints.\n"
+            return (
+                HTTPStatus.FORBIDDEN,
+                "The token in the address is missing or wrong: open the address that diffbot prints.\n",
+            )
         if url.path not in ("/", "/ws"):
             return HTTPStatus.NOT_FOUND, "no such page\n"
         if url.path == "/ws" and origin != f"http://{host}":
@@ -239,14 +243,17 @@ class PageServer:
         return None
 
     def _is_own_host(self, host: str) -> bool:
-        """Return True if a Host header names this server by a number or as localhost: other names may be rebound."""
+        """Return True if a Host header names this server by an IP address, its host name or localhost.
+
+        Any other name could have been rebound to this machine by a foreign page.
+        """
         name, _, port = host.rpartition(":")
         if port != str(self.port):
             return False
         if name in ("localhost", self._address.host, socket.gethostname()):
             return True
         try:
-            # The page contains the host, and the name of an interface (after %) may contain anything.
+            # The page contains the host. After a %, an address may contain any text as the name of an interface.
             return "%" not in name and bool(ipaddress.ip_address(name.strip("[]")))
         except ValueError:
             return False
@@ -280,14 +287,14 @@ class PageServer:
             self._browsers.discard(browser)
 
     async def _guard(self, browser: Browser, work: Coroutine[Any, Any, None]) -> None:
-        """Do one direction of a conversation; an exception in it ends this connection only."""
+        """Send or receive; an exception ends only this connection."""
         try:
             await work
         except ConnectionClosed:
             pass
         except Exception as error:
             self._on_error(error)
-            # With an open connection the page would wait for ever; after the end of the connection it connects again.
+            # The page connects again after the end of the connection. With an open connection it would wait.
             await browser.connection.close(1011, "internal error")
 
     async def _receive_all(self, browser: Browser) -> None:
@@ -298,13 +305,13 @@ class PageServer:
             await asyncio.sleep(REQUEST_PERIOD)
 
     async def _send(self, browser: Browser) -> None:
-        """Send the newest state whenever the browser has received the previous one, at most every PERIOD."""
+        """Send the changes of the state, at most every PERIOD, and after the browser has received the previous ones."""
         hello = {"type": "hello", "robots": self._state.robots, "columns": COLUMNS, "constants": self._constants}
         version = 0
         for message in (hello, *self._state.history()):
             await browser.send(message)
         while True:
-            state, events, version = self._state.news(version)
+            state, events, version = self._state.changes_since(version)
             if state:
                 await browser.send(state)
             for robot, many in events.items():
@@ -329,7 +336,7 @@ def _single(headers: Headers, name: str) -> str:
 
 
 def _silent_logger() -> logging.Logger:
-    """Return a logger without output: websockets would log a traceback for each client that disconnects early."""
+    """Return a logger without output, since websockets logs a traceback for each client that disconnects early."""
     logger = logging.getLogger(f"{__name__}.websockets")
     logger.addHandler(logging.NullHandler())
     logger.propagate = False
@@ -337,7 +344,7 @@ def _silent_logger() -> logging.Logger:
 
 
 def as_json(message: Any) -> str:
-    """Return a message for a browser; numbers that are not finite are null, since a browser refuses NaN in JSON."""
+    """Return a message as JSON, with null for numbers that are not finite, since a browser cannot read NaN."""
     try:
         return json.dumps(message, separators=(",", ":"), allow_nan=False)
     except ValueError:

@@ -1,6 +1,6 @@
-"""Messages that consist of texts: states, ends of goals and diagnostics, and tables of such texts.
+"""Reads diagnostic messages: states, ends of goals and diagnoses.
 
-A message has the attributes of its ROS type; it comes from rclpy or from a decoded bag.
+A message has the attributes of its ROS type. It comes from rclpy or from a decoded bag.
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple, TypeVar
 
 OK, WARNING, ERROR = 0, 1, 2
-"""Levels of a DiagnosticStatus, which events and words use too."""
+"""Levels of a DiagnosticStatus, which events and lines of text use, too."""
 MAX_TEXT = 300
-"""Characters of one text that are kept."""
+"""Number of characters of a text that are kept."""
 K = TypeVar("K")
 V = TypeVar("V")
 
@@ -28,13 +28,13 @@ class Status(NamedTuple):
 
 
 class BoundedTable(dict[K, V]):
-    """A dict in the order in which its entries were last set; beyond its size the oldest is dropped and counted.
+    """A dict of limited size, which drops the entry that was set least recently, and counts dropped entries.
 
-    It is for names that come from outside, which could fill the memory otherwise.
+    Without a limit, keys from received messages could fill the memory.
     """
 
     def __init__(self, size: int) -> None:
-        """Start empty; ``size`` is the number of entries that are kept."""
+        """Start empty; ``size`` is the largest number of entries."""
         super().__init__()
         self._size = size
         self.dropped = 0
@@ -51,7 +51,9 @@ class BoundedTable(dict[K, V]):
 def status_of(message: Any) -> Status:
     """Return the contents of a DiagnosticStatus; its texts are cut to MAX_TEXT characters."""
     values = {cut(one.key): cut(one.value) for one in message.values}
-    return Status(_number_of(message.level), cut(message.name), cut(message.message), values)
+    # A field of type byte is bytes of length 1 in rclpy.
+    level = message.level[0] if isinstance(message.level, bytes) else message.level
+    return Status(level, cut(message.name), cut(message.message), values)
 
 
 def statuses_of(message: Any) -> list[Status]:
@@ -74,16 +76,11 @@ def filter_numbers(values: Mapping[str, str]) -> tuple[float, ...]:
 
 
 def number(text: str | None) -> float:
-    """Return the first number of a text, NaN if the text does not begin with a number."""
+    """Return the number at the beginning of a text; NaN if the text does not begin with a number."""
     try:
         return float((text or "").split()[0])
     except (IndexError, ValueError):
         return math.nan
-
-
-def _number_of(byte: int | bytes) -> int:
-    """Return the number in a field of type byte, which rclpy represents by bytes of length 1."""
-    return byte[0] if isinstance(byte, bytes) else byte
 
 
 def cut(text: str) -> str:

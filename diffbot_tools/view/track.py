@@ -1,4 +1,4 @@
-"""The newest poses of a robot by their stamps, and the poses of a robot that are sent as transforms on /tf."""
+"""Times of the page, the newest poses of a robot by their stamps, and the pose of a robot from /tf."""
 
 from __future__ import annotations
 
@@ -8,14 +8,29 @@ from typing import Any, NamedTuple
 from diffbot_control.ros.messages.fields import stamp_ns
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import MAX_COORDINATE, Pose, out_of_frame, wrap_angle, yaw_of_quaternion
+from diffbot_core.stamps import S_PER_NS
 
 BASES = ("base_link", "base_footprint", "base")
 _MAX_POSES = 500
-"""Poses that are kept: 10 s at 50 Hz."""
+"""Number of poses that are kept: 10 s at 50 Hz."""
 _MAX_GAP = 500_000_000
-"""[ns] Longest gap between two poses in which a pose is interpolated."""
+"""[ns] Longest gap between two poses that is interpolated."""
 _MAX_EDGES = 200
-"""Transforms of /tf that are kept."""
+"""Number of transforms that are kept."""
+
+
+class PageClock:
+    """Converts stamps to times of the page, which begin at the first stamp."""
+
+    def __init__(self, origin: int | None = None) -> None:
+        """Set the stamp of time 0 [ns]. If it is None, the first stamp that is passed to :meth:`of` is time 0."""
+        self.origin = origin
+
+    def of(self, stamp: int) -> float:
+        """Return the time [s] of a stamp [ns]."""
+        if self.origin is None:
+            self.origin = stamp
+        return (stamp - self.origin) * S_PER_NS
 
 
 class Stamped(NamedTuple):
@@ -26,14 +41,14 @@ class Stamped(NamedTuple):
 
 
 class Track:
-    """The newest poses in the order of their stamps."""
+    """The newest poses, in the order of their stamps."""
 
     def __init__(self) -> None:
         """Start empty."""
         self._poses: deque[Stamped] = deque(maxlen=_MAX_POSES)
 
     def add(self, stamp: int, pose: Pose) -> bool:
-        """Append a pose; return True if its stamp [ns] is before the last stamp, which starts a new run."""
+        """Append a pose. Return True if a new run starts, because the stamp [ns] is before the last stamp."""
         is_new_run = bool(self._poses) and stamp < self._poses[-1].stamp
         if is_new_run:
             self._poses.clear()
@@ -46,7 +61,7 @@ class Track:
         return self._poses[-1].stamp if self._poses else -1
 
     def at(self, stamp: int) -> Pose | None:
-        """Return the pose at a time [ns], interpolated linearly; None before the first pose, in gaps and at the end."""
+        """Return the interpolated pose at a time [ns]; None before the first pose, after the last pose and in gaps."""
         after = None
         for before in reversed(self._poses):
             if before.stamp > stamp:
@@ -64,7 +79,7 @@ class Track:
 
 
 class TransformTree:
-    """The newest transforms of /tf, in the plane."""
+    """The newest transforms on /tf, projected to the plane."""
 
     def __init__(self) -> None:
         """Start empty."""
@@ -72,7 +87,7 @@ class TransformTree:
         """parent and transform by child"""
 
     def add(self, message: Any) -> list[Stamped]:
-        """Process a tf2_msgs/TFMessage; return the new pose of the robot in the outermost frame, if there is one.
+        """Process a tf2_msgs/TFMessage; return the new pose of the robot in the root frame, if there is one.
 
         Raises:
             BadMessageError: if a stamp is not normalised or a transform is out of range.

@@ -1,4 +1,4 @@
-"""The state of a robot in one line, for the live page and the report."""
+"""The state line: the state of a robot in words, for the live page and the report."""
 
 from __future__ import annotations
 
@@ -19,33 +19,33 @@ _NAN = math.nan
 
 
 class RobotSituation(NamedTuple):
-    """Everything on which the line of state depends."""
+    """Values that determine the state line."""
 
     controller: Status = Status(OK, "", "", {})
     """newest status of the controller; its message is empty before the first status"""
     filter: str = ""
-    """reason why the filter publishes no poses; empty if it does"""
+    """reason why the filter does not publish poses; empty if it publishes"""
     docking: Words | None = None
-    """see docking_words; None if the robot neither docks nor is docked"""
+    """see docking_words; None if the robot is neither docking nor docked"""
     to_go: Pose = Pose(_NAN, _NAN, _NAN)
-    """the robot in the frame of the goal; nan without a goal"""
+    """pose of the robot in the frame of the goal; nan without a goal"""
     speed: Twist = Twist(_NAN, _NAN)
-    """measured"""
+    """measured speed"""
     left: float = _NAN
     """[s] until the goal is reached, as the controller estimates; nan: unknown"""
     silence: Words | None = None
-    """words about a controller without a status; None if it sends its status"""
+    """level and text if the controller does not send its status; else None"""
     is_paused: bool = False
     """the simulation is paused"""
 
 
 def length_text(metres: float) -> str:
-    """Return a length in words: centimetres below one metre."""
+    """Return a length as text, in centimetres below one metre."""
     return f"{100.0 * metres:.1f} cm" if metres < 0.995 else f"{metres:.2f} m"
 
 
 def state_words(now: RobotSituation, tolerance: float) -> Words:
-    """Return level and text of the line of state; ``tolerance`` [m] is the tolerance of a goal's position."""
+    """Return level and text of the state line; ``tolerance`` [m] is the tolerance of a goal's position."""
     status = now.controller
     text, reason = status.message, status.values.get("reason", "")
     if now.is_paused:
@@ -56,10 +56,13 @@ def state_words(now: RobotSituation, tolerance: float) -> Words:
         return now.docking
     waiting = f": {now.filter}" if now.filter else ""
     fixed = {
-        "stale pose": (ERROR, f"stopped: {now.filter or 'no pose comes'}"),
+        "stale pose": (ERROR, f"stopped: {now.filter or 'no pose is received'}"),
         "goal not reached": (ERROR, f"gave up: {reason}" if reason else "gave up"),
         "waiting for pose": (WARNING, f"goal accepted, waiting for a pose{waiting}"),
-        "tolerance below uncertainty": (WARNING, "standing at the goal, too uncertain of its pose to say so"),
+        "tolerance below uncertainty": (
+            WARNING,
+            "at rest near the goal, but the pose is too uncertain to report it as reached",
+        ),
         "cancelling": (OK, "braking: goal cancelled"),
         "inactive": (OK, "controller inactive"),
         "idle": (OK, f"idle, filter{waiting}" if waiting else "idle"),
@@ -72,11 +75,11 @@ def state_words(now: RobotSituation, tolerance: float) -> Words:
 
 
 def docking_words(status: Status, before: Words | None) -> Words | None:
-    """Return level and text of docking; None if the robot neither docks nor is docked.
+    """Return level and text of the docking; None if the robot is neither docking nor docked.
 
     Args:
-        status: of the node that docks.
-        before: result for the previous status; a docked robot stays docked until it drives again.
+        status: newest status of the docking controller.
+        before: result for the previous status. A docked robot stays docked until it drives again.
     """
     values, was = status.values, before[1] if before else ""
     is_docking = values["goal"].split() == ["0", "0", "0"] if "goal" in values else not was.startswith("undocking")

@@ -17,14 +17,23 @@ def add_watch(commands: Any) -> None:
     watch = commands.add_parser("watch", help="show a running robot in the browser, and send it goals from there")
     watch.add_argument("--host", default=defaults.host, help="address to listen on (default: %(default)s)")
     watch.add_argument(
-        "--port", type=whole(0, 65535), default=defaults.port, help="port; 0: a free one (default: %(default)s)"
+        "--port",
+        type=whole(0, 65535),
+        default=defaults.port,
+        help="port to listen on; 0 chooses a free port (default: %(default)s)",
     )
     watch.add_argument(
         "--namespace", nargs="+", default=[""], metavar="NS", help="namespaces of the robots (default: none)"
     )
-    watch.add_argument("--record", type=Path, metavar="FOLDER", help="where the page may record bags")
+    watch.add_argument("--record", type=Path, metavar="FOLDER", help="allow the page to record bags into this folder")
     watch.add_argument("--open", action="store_true", help="open the page in the browser")
-    watch.add_argument("--ros-args", dest="ros_args", nargs=argparse.REMAINDER, default=[], help="remappings ...")
+    watch.add_argument(
+        "--ros-args",
+        dest="ros_args",
+        nargs=argparse.REMAINDER,
+        default=[],
+        help="arguments for ROS, such as remappings",
+    )
     watch.set_defaults(call=_call)
 
 
@@ -36,6 +45,6 @@ def _call(options: argparse.Namespace) -> int:
         "record_folder": str(options.record.expanduser().absolute()) if options.record else "",
         "open_browser": options.open,
     }
-    # By name: the command line can be imported without ROS.
+    # Imported by name, since the command line must work without ROS.
     node = importlib.import_module("diffbot_tools.watch.watch_node")
     return int(node.main(["--ros-args", *ros_parameters(values), *options.ros_args]))

@@ -13,31 +13,33 @@ MAX_ROBOTS = 20
 class WatchConfig(NamedTuple):
     """Parameters of the node ``watch``."""
 
-    host: Annotated[str, Spec("address to listen on; 127.0.0.1 is reached from this machine only", read_only=True)] = (
-        "127.0.0.1"
+    host: Annotated[str, Spec("address to listen on; 127.0.0.1 serves this machine only", read_only=True)] = "127.0.0.1"
+    port: Annotated[int, Spec("port to listen on; 0 chooses a free port", minimum=0, maximum=65535, read_only=True)] = (
+        8765
     )
-    port: Annotated[int, Spec("port to listen on; 0: a free one", minimum=0, maximum=65535, read_only=True)] = 8765
-    namespaces: Annotated[tuple[str, ...], Spec("namespace of each robot; empty: none", read_only=True)] = ("",)
-    controller: Annotated[str, Spec("name of the controller's node", read_only=True)] = "controller"
-    dock_controller: Annotated[str, Spec("name of the node that docks", read_only=True)] = "dock_controller"
-    ekf: Annotated[str, Spec("name of the filter's node", read_only=True)] = "ekf"
-    plant: Annotated[str, Spec("name of the simulation's node", read_only=True)] = "plant"
+    namespaces: Annotated[
+        tuple[str, ...], Spec("namespace of each robot; an empty text is a robot without a namespace", read_only=True)
+    ] = ("",)
+    controller: Annotated[str, Spec("name of the controller node", read_only=True)] = "controller"
+    dock_controller: Annotated[str, Spec("name of the docking controller node", read_only=True)] = "dock_controller"
+    ekf: Annotated[str, Spec("name of the filter node", read_only=True)] = "ekf"
+    plant: Annotated[str, Spec("name of the plant node", read_only=True)] = "plant"
     map_frame: Annotated[str, Spec("frame of the goals", read_only=True)] = "map"
     record_folder: Annotated[
-        str, Spec("folder for bags that the page records; empty: it records none", read_only=True)
+        str, Spec("folder for bags that the page records; empty disables the record button", read_only=True)
     ] = ""
     open_browser: Annotated[bool, Spec("open the page in the browser", read_only=True)] = False
 
     def check(self) -> None:
-        """Check the number of robots, and that each robot is named once.
+        """Check the number of robots, and that no robot is named twice.
 
         Raises:
             InvalidValueError: if ``namespaces`` is empty, too long, or contains a robot twice.
         """
         if not 1 <= len(self.namespaces) <= MAX_ROBOTS:
-            raise InvalidValueError("namespaces", list(self.namespaces), f"from 1 to {MAX_ROBOTS}")
+            raise InvalidValueError("namespaces", list(self.namespaces), f"a list of 1 to {MAX_ROBOTS} names")
         if len(set(robot_names(self.namespaces))) < len(self.namespaces):
-            raise InvalidValueError("namespaces", list(self.namespaces), "each robot once")
+            raise InvalidValueError("namespaces", list(self.namespaces), sentence="a robot appears twice")
 
 
 def robot_names(namespaces: tuple[str, ...]) -> tuple[str, ...]:

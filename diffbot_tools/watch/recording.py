@@ -1,4 +1,4 @@
-"""The record button: a recorder process, which ends with this one."""
+"""The record button of the page: starts and stops a recorder process, which ends together with this process."""
 
 from __future__ import annotations
 
@@ -23,29 +23,29 @@ from diffbot_tools.view.server import Reply
 
 RECORDER = (sys.executable, "-m", "diffbot_core.launcher", "diffbot_bag.recorder_node")
 READY_TIMEOUT = 60.0
-"""[s] after which a recorder without a bag has failed; a busy machine starts processes slowly"""
+"""[s] A recorder that has created no bag after this time has failed; a busy machine starts processes slowly."""
 MAX_WAITING = 8
-"""Requests in the queue; more are refused."""
-_LOOK_PERIOD = 0.2
+"""Number of requests in the queue. Further requests are refused."""
+_CHECK_PERIOD = 0.2
 _POLL = 0.02
 _LINES, _MAX_LINE = 20, 200
-"""Last lines of the recorder that are kept, and characters of a line that are shown."""
+"""Number of last log lines that are kept, and of characters of a line that are shown."""
 
 
 class PageRecording:
     """Records all topics, each time into a new bag.
 
-    One thread does everything and lives as long as this object, because the system ends a bound process together with
-    the thread that started it.
+    A single thread starts and stops all recorders, and lives as long as this object, since the system ends a bound
+    process together with the thread that started it.
     """
 
     def __init__(self, folder: Path, on_change: Callable[[], None], command: Sequence[str] = RECORDER) -> None:
         """Start the thread.
 
         Args:
-            folder: each bag is a new folder in it.
+            folder: each bag is a new folder in this folder.
             on_change: called in the thread when :attr:`is_on` or :attr:`problem` may have changed.
-            command: of the recorder; ROS arguments are appended.
+            command: command of the recorder; ROS arguments are appended.
         """
         self._folder, self._on_change, self._command = folder, on_change, command
         self._requests: queue.Queue[tuple[bool, Reply]] = queue.Queue(MAX_WAITING)
@@ -53,33 +53,33 @@ class PageRecording:
         self._recorder: _Recorder | None = None
         self._starter: Reply | None = None
         self.problem = ""
-        """one line about the last recording if it failed, else empty"""
+        """one line about the last recording if it failed; else empty"""
         self._thread = threading.Thread(target=self._run, name="recording", daemon=True)
         self._thread.start()
 
     @property
     def is_on(self) -> bool:
-        """True while a recorder runs and has its bag."""
+        """True while a recorder runs and has created its bag."""
         return self._recorder is not None
 
     def add(self, is_on: bool, reply: Reply) -> None:
-        """Queue a request to start or to stop and return at once; the answer comes when it is done."""
+        """Queue a request to start or to stop, and return at once. ``reply`` is called when the request is done."""
         try:
             self._requests.put_nowait((is_on, reply))
         except queue.Full:
-            reply("busy: the recorder is starting or ending", 1)
+            reply("busy: the recorder is still starting or stopping, try again", 1)
 
     def close(self) -> None:
-        """Stop a recorder that runs and end the thread."""
+        """Stop the recorder if it runs, and end the thread."""
         self._closed.set()
         self._thread.join(timeout=STOP_TIMEOUT + 5.0)
 
     def _run(self) -> None:
         while not self._closed.is_set():
             try:
-                is_on, reply = self._requests.get(timeout=_LOOK_PERIOD)
+                is_on, reply = self._requests.get(timeout=_CHECK_PERIOD)
             except queue.Empty:
-                self._look()
+                self._check()
                 continue
             try:
                 text = self._start() if is_on else self._stop()
@@ -92,8 +92,8 @@ class PageRecording:
             with contextlib.suppress(DiffbotError):
                 self._stop()
 
-    def _look(self) -> None:
-        """If the recorder has ended by itself, report that to the browser that started it."""
+    def _check(self) -> None:
+        """If the recorder has ended by itself, report it to the browser that started it."""
         if self._recorder is None or self._recorder.is_running:
             return
         recorder, self._recorder = self._recorder, None
@@ -107,7 +107,7 @@ class PageRecording:
         return DiffbotError(text)
 
     def _start(self) -> str:
-        self._look()
+        self._check()
         if self._recorder is not None:
             raise DiffbotError(f"already recording to {self._recorder.bag}")
         bag = self._folder / datetime.datetime.now().astimezone().strftime("bag_%Y-%m-%d_%H-%M-%S")
@@ -126,7 +126,7 @@ class PageRecording:
         return f"recording to {bag}"
 
     def _stop(self) -> str:
-        self._look()
+        self._check()
         if self._recorder is None:
             raise DiffbotError(self.problem or "not recording")
         recorder, self._recorder = self._recorder, None
@@ -137,7 +137,7 @@ class PageRecording:
 
 
 class _Recorder:
-    """A recorder process, whose output goes to the log of this process; the last lines are kept."""
+    """A recorder process. Its output is passed to the log of this process."""
 
     def __init__(self, bag: Path, command: Sequence[str]) -> None:
         """Start the process.
@@ -161,7 +161,7 @@ class _Recorder:
 
     @property
     def is_ready(self) -> bool:
-        """True once the bag exists; from then on, a signal ends the recorder in order."""
+        """True if the bag exists. From now on, the recorder closes its bag after a signal."""
         return any(self.bag.glob("*.mcap"))
 
     @property
@@ -171,11 +171,11 @@ class _Recorder:
 
     @property
     def is_complete(self) -> bool:
-        """True if the process has ended in order and closed its bag."""
+        """True if the process has ended without an error and has closed its bag."""
         return self._process.returncode == 0 and (self.bag / "metadata.yaml").is_file()
 
     def stop(self) -> str:
-        """End the process, after STOP_TIMEOUT by force; return in words how it ended."""
+        """Stop the process, and kill it after STOP_TIMEOUT; return a text about its end."""
         if self.is_running:
             self._process.send_signal(signal.SIGINT)
         try:
@@ -194,6 +194,6 @@ class _Recorder:
             for line in output:
                 if line.strip():
                     self._lines.append(line.strip())
-                # The recorder continues even if nobody reads the log of this process.
+                # The recorder continues even if the log of this process cannot be written.
                 with contextlib.suppress(OSError, ValueError):
                     print(line, end="", file=sys.stderr, flush=True)

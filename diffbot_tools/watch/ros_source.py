@@ -1,4 +1,4 @@
-"""Feeds the model of one robot from its topics."""
+"""Passes the messages of one running robot to its model."""
 
 from __future__ import annotations
 
@@ -16,12 +16,13 @@ from std_msgs.msg import Float64MultiArray
 from diffbot_core.ros.node import DiffbotNode
 from diffbot_core.ros.qos import LATCHED, QUEUE, SENSOR
 from diffbot_tools.view.live_state import LiveState, RobotSink
-from diffbot_tools.view.model import PageClock, RobotModel
+from diffbot_tools.view.model import RobotModel
 from diffbot_tools.view.texts import ERROR, OK, WARNING
+from diffbot_tools.view.track import PageClock
 from diffbot_tools.watch.parameters import WatchConfig
 
 SILENCE = 2.0
-"""[s] without a status (a controller sends one every 0.5 s) after which the page reports it"""
+"""[s] The page reports a controller that sends no status for this time; a status is due every 0.5 s."""
 _TYPES_OF = {
     "cmd_vel": ("command", {"geometry_msgs/msg/Twist": TwistMessage, "geometry_msgs/msg/TwistStamped": TwistStamped}),
     "detected_dock_pose": (
@@ -32,8 +33,8 @@ _TYPES_OF = {
         },
     ),
 }
-"""Role and types of topics that may have one of two types."""
-_PLACED = {"truth": "ground_truth", "estimate": "pose"}
+"""Role and possible types of topics whose type is not fixed."""
+_POSE_TOPICS = {"truth": "ground_truth", "estimate": "pose"}
 
 
 class RobotSource:
@@ -42,7 +43,7 @@ class RobotSource:
     def __init__(
         self, node: DiffbotNode[WatchConfig], name: str, namespace: str, state: LiveState, clock: PageClock
     ) -> None:
-        """Subscribe; the model writes its results to ``state`` under the robot's ``name``."""
+        """Subscribe. The model writes its results to ``state`` under the robot's ``name``."""
         self._node = node
         self._prefix = f"/{namespace.strip('/')}" if namespace.strip("/") else ""
         self.model = RobotModel(clock, RobotSink(state, name), self._prefix)
@@ -62,6 +63,7 @@ class RobotSource:
             (DiagnosticStatus, f"{controller}/goal_feedback", "feedback", QUEUE),
             (PoseWithCovarianceStamped, "dock/pose", "dock_pose", SENSOR),
             (DiagnosticStatus, f"{docking}/status", "docking", LATCHED),
+            (DiagnosticArray, f"{docking}/goal_results", "docking_results", LATCHED),
         ):
             node.subscribe(kind, self._topic(topic), partial(self.model.add, role), qos)
         node.subscribe(Odometry, self._topic("odom"), self._on_odometry, SENSOR)
@@ -70,10 +72,13 @@ class RobotSource:
     def _topic(self, name: str) -> str:
         return f"{self._prefix}/{name}"
 
-    def look_around(self, types: dict[str, list[str]]) -> None:
-        """Subscribe to topics whose types are now known, and report a silent controller.
+    def update(self, types: dict[str, list[str]]) -> None:
+        """Subscribe to topics whose type is known by now, and check if the controller still sends its status.
 
-        Without the report, the page would show the latched status of a dead controller, such as ``driving``.
+        Without the check, the page would show the last status of a controller that has ended, such as ``driving``.
+
+        Args:
+            types: types of each topic in the graph, by its name.
         """
         for name, (role, kinds) in _TYPES_OF.items():
             topic = self._topic(name)
@@ -87,8 +92,8 @@ class RobotSource:
             self.model.set_state(silence=words)
 
     def _on_odometry(self, message: Any) -> None:
-        # Odometry waits for the first pose in the map, if a node publishes poses in the map.
-        for role, name in _PLACED.items():
+        # The model places the odometry at the first pose in the map, if a node publishes such poses.
+        for role, name in _POSE_TOPICS.items():
             if role not in self.model.roles and self._node.count_publishers(self._topic(name)):
                 self.model.roles.add(role)
         self.model.add("odometry", message)

@@ -1,4 +1,4 @@
-"""The node ``watch``: passes topics of robots to the server of the page, and requests of browsers to the robots."""
+"""The node ``watch``: passes messages of robots to the server of the page, and requests of browsers to the robots."""
 
 from __future__ import annotations
 
@@ -22,26 +22,27 @@ from diffbot_core.ros.node import DiffbotNode
 from diffbot_core.ros.qos import QUEUE
 from diffbot_core.ros.run import run
 from diffbot_tools.view.constants import constants_of
-from diffbot_tools.view.intake import Request
 from diffbot_tools.view.live_state import LiveState
-from diffbot_tools.view.model import PageClock
+from diffbot_tools.view.requests import Request
 from diffbot_tools.view.server import Address, PageServer, Reply
 from diffbot_tools.view.texts import BoundedTable, Status, statuses_of
-from diffbot_tools.watch.errands import Errands, Found
+from diffbot_tools.view.track import PageClock
 from diffbot_tools.watch.parameters import WatchConfig, robot_names
 from diffbot_tools.watch.recording import PageRecording
+from diffbot_tools.watch.robot_client import RobotClient, RobotInfo
 from diffbot_tools.watch.ros_source import RobotSource
 
-_LOOK_PERIOD = 1.0
-_OUTDATED, _STALE, _ENDED = 5.0, 3, 4
-"""[s] after which the last diagnosis of a node counts as stale (a node sends one each second); the level STALE, and the
-page's level of a node that has left the graph"""
+_UPDATE_PERIOD = 1.0
+_OUTDATED = 5.0
+"""[s] After this time, the last diagnosis of a node is stale; a node sends one each second."""
+_STALE, _ENDED = 3, 4
+"""Level of a stale diagnosis, and of a node that has left the graph."""
 MAX_NODES = 100
-"""Nodes whose diagnoses are shown."""
+"""Number of nodes whose diagnoses are shown."""
 
 
 class WatchNode(DiffbotNode[WatchConfig]):
-    """Subscribes for the page. One thread serves the browsers, and one thread per robot does their requests."""
+    """Subscribes to the robots. One thread serves the browsers, and one thread per robot handles requests."""
 
     def __init__(self, **node_options: Any) -> None:
         """Start the server and subscribe."""
@@ -60,18 +61,18 @@ class WatchNode(DiffbotNode[WatchConfig]):
             self.destroy_node()
             raise
         folder = config.record_folder
-        self._found: dict[str, Found] = {}
+        self._info: dict[str, RobotInfo] = {}
         self._present: set[str] = set()
-        """names of the nodes in the graph"""
+        """names of all nodes in the graph"""
         self._recording = PageRecording(Path(folder), self._put_recording) if folder else None
         clock = PageClock()
         self._robots: dict[str, RobotSource] = {}
-        self._errands: dict[str, Errands] = {}
+        self._robot_clients: dict[str, RobotClient] = {}
         for name, namespace in zip(self._names, config.namespaces, strict=True):
             self._robots[name] = RobotSource(self, name, namespace, self._state, clock)
-            self._errands[name] = Errands(namespace, config, partial(self._on_found, name))
+            self._robot_clients[name] = RobotClient(namespace, config, partial(self._on_info, name))
         self.subscribe(DiagnosticArray, "/diagnostics", self._on_diagnostics, QUEUE)
-        self.create_timer(_LOOK_PERIOD, self._look_around, clock=self.steady_clock)
+        self.create_timer(_UPDATE_PERIOD, self._update, clock=self.steady_clock)
         self._put_recording()
         print(f"Page: {self.server.url}", flush=True)
         self._opened = _open_page(self.server.url) if config.open_browser else None
@@ -79,27 +80,18 @@ class WatchNode(DiffbotNode[WatchConfig]):
     def _on_request(self, request: Request, reply: Reply) -> None:
         """Pass a request to the robot or to the recorder; called in the server's thread."""
         if request.kind != "record":
-            self._errands[request.robot].add(request, reply)
+            self._robot_clients[request.robot].add(request, reply)
         elif self._recording is not None:
             self._recording.add(request.is_on, reply)
         else:
             reply("recording is off: start diffbot watch with --record FOLDER", 2)
 
-    def _on_found(self, name: str, found: Found) -> None:
-        """Store what was found in the graph of a robot; called in the thread of its errands."""
-        self._state.put(name, "services", found.services)
-        if found.constants is not None:
-            self._state.put(name, "constants", found.constants)
-        self._found[name] = found
-
-    def _apply_found(self) -> None:
-        """Pass what the threads of the errands have found to the models, which belong to the executor's thread."""
-        for name, found in list(self._found.items()):
-            model = self._robots[name].model
-            model.set_state(is_paused=found.services["pause"]["isOn"])
-            model.docking_config = found.docking or model.docking_config
-            if found.constants is not None:
-                model.tolerance = found.constants["xy_tolerance"]
+    def _on_info(self, name: str, info: RobotInfo) -> None:
+        """Store the services and parameters of a robot; called in the thread of its client."""
+        self._state.put(name, "services", info.services)
+        if info.constants is not None:
+            self._state.put(name, "constants", info.constants)
+        self._info[name] = info
 
     def _put_recording(self) -> None:
         is_on = self._recording is not None and self._recording.is_on
@@ -127,12 +119,18 @@ class WatchNode(DiffbotNode[WatchConfig]):
         ]
         self._state.put("", "diagnostics", shown)
 
-    def _look_around(self) -> None:
-        self._apply_found()
+    def _update(self) -> None:
+        # Only the thread of the executor changes the models.
+        for name, info in list(self._info.items()):
+            model = self._robots[name].model
+            model.set_state(is_paused=info.services["pause"]["isOn"])
+            model.docking_config = info.docking or model.docking_config
+            if info.constants is not None:
+                model.tolerance = info.constants["xy_tolerance"]
         types = dict(self.get_topic_names_and_types())
         self._present = {f"{space.rstrip('/')}/{name}" for name, space in self.get_node_names_and_namespaces()}
         for robot in self._robots.values():
-            robot.look_around(types)
+            robot.update(types)
         if self._diagnoses:
             self._put_diagnoses()
         self._put_recording()
@@ -147,29 +145,29 @@ class WatchNode(DiffbotNode[WatchConfig]):
         return max(found, key=lambda one: one[0])
 
     def before_shutdown(self) -> None:
-        """Close the page, the errands and a recording."""
+        """Close the page, the clients of the robots and a recording."""
         if self._opened is not None:
             self._opened.unlink(missing_ok=True)
         self.server.stop()
-        for errands in self._errands.values():
-            errands.stop()
+        for client in self._robot_clients.values():
+            client.stop()
         if self._recording is not None:
             self._recording.close()
 
 
 def _open_page(url: str) -> Path | None:
-    """Open the page in a browser by a file that leads to it; return the file, None if the page was not opened.
+    """Open the page in a browser, by a file that redirects to it; return the file, or None if no browser was started.
 
-    Only this user can read the file, while everyone on the machine can read the command line of a browser.
+    Only this user can read the file. Every user of the machine could read an address on the browser's command line.
     """
     if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        return None  # without a screen, a browser would start in the terminal
+        return None  # without a screen, a text browser would start in the terminal
     try:
         number, name = tempfile.mkstemp(".html", "page_", runtime_folder())  # of mode 0600
         with open(number, "w", encoding="utf-8") as file:
             file.write(f'<!doctype html>\n<meta http-equiv="refresh" content="0; url={html.escape(url)}">\n')
     except OSError as error:
-        print(f"The page is not opened: {error}", file=sys.stderr)
+        print(f"The browser was not started: {error}. Open the address above.", file=sys.stderr)
         return None
     path = Path(name)
     threading.Thread(target=webbrowser.open, args=(path.as_uri(),), daemon=True).start()

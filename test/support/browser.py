@@ -1,4 +1,4 @@
-"""A headless Chromium for the tests of the page; it can reach this machine only."""
+"""A headless Chromium for the tests of the page, which can connect to this machine only."""
 
 import contextlib
 import io
@@ -17,11 +17,11 @@ new MutationObserver((changes) => {
   for (const { addedNodes } of changes) messages.push(...[...addedNodes].map((node) => node.textContent));
 }).observe(document.getElementById("alarm"), { childList: true });
 """
-"""The page shows a message for some seconds, or until the next one; a test that looks later would miss it."""
+"""Keeps the messages of the page, which shows each one for some seconds only."""
 
 
 class Page:
-    """A tab that notes what must not happen: errors in its console, requests to other places."""
+    """A tab, with the errors in its console and its requests."""
 
     def __init__(self, tab):
         self.tab = tab
@@ -44,7 +44,7 @@ class Page:
         return self.tab.evaluate(expression)
 
     def wait(self, expression, what):
-        """Wait until an expression is true and return its value. The page's policy forbids playwright's own waiting."""
+        """Wait until an expression is true and return its value; the policy of the page forbids wait_for_function."""
         return self.wait_for(lambda: self.get(expression), what)
 
     def wait_for(self, condition, what):
@@ -57,17 +57,17 @@ class Page:
         return graph.wait_for(value, what=what)
 
     def wait_for_message(self, text):
-        """Wait until the page has shown a message with this text; it and those before it count no more."""
+        """Wait until the page has shown a message with this text, and forget all messages up to this one."""
         found = f"messages.findIndex((one) => one.includes({text!r}))"
         self.wait(f"{found} >= 0", f"the message {text!r}")
         self.get(f"void messages.splice(0, {found} + 1)")
 
     def next_frame(self):
-        """Wait until what has changed is drawn: the page draws in each frame that the browser shows."""
+        """Wait until the page has drawn its changes."""
         self.get("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done())))")
 
     def drag(self, start, end):
-        """Press, drag and release on the map, between pixels of it."""
+        """Press, drag and release on the map, between two pixels of the map."""
         box = self.tab.locator("#map").bounding_box()
         (x0, y0), (x1, y1) = ((box["x"] + x, box["y"] + y) for x, y in (start, end))
         self.tab.mouse.move(x0, y0)
@@ -79,7 +79,7 @@ class Page:
         return self.tab.locator(selector).inner_text()
 
     def count(self, colour, selector="#map", apart=60):
-        """Return the number of pixels of about this colour: thin lines are blended with what is behind them."""
+        """Return the number of pixels of about this colour, since thin lines are blended with the background."""
         return int(np.count_nonzero(np.abs(self.pixels(selector) - np.array(colour)).sum(axis=1) <= apart))
 
     def pixels(self, selector="#map"):

@@ -172,8 +172,8 @@ def drive(steps=500, rate=50, namespace="", error=(0.03, -0.02, 0.01), truth=Tru
             number = 1 if step == 0 else 2
             yield f"{namespace}/goal_pose", later, goal(0 if step == 0 else time, float(number), 0.5, 0.25)
             yield f"{namespace}/ekf/status", later, filter_status(f"{namespace}/ekf", number)
-            words = {"goal": f"{number} 0.5 0.25", "goals_reached": str(number - 1)}
-            yield f"{namespace}/controller/status", later + 1, status(f"{namespace}/controller", "driving", **words)
+            values = {"goal": f"{number} 0.5 0.25", "goal_id": ("a", "b")[number - 1] * 32}
+            yield f"{namespace}/controller/status", later + 1, status(f"{namespace}/controller", "driving", **values)
     if filtered:
         last = BEGIN + steps * 10**9 // rate
         ends = [

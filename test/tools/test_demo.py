@@ -16,7 +16,7 @@ from robot import planar, stamp
 
 from diffbot_tools import cli
 from diffbot_tools.demo import make_room_for_bag
-from diffbot_tools.view.results import goal_results
+from diffbot_tools.view.bag_source import read_bag
 
 pytestmark = pytest.mark.graph
 
@@ -70,7 +70,7 @@ def test_table_summary_and_report_say_the_same(demo):
     folder, shown = demo
     summary = json.loads((folder / "summary.json").read_text())
     rows = [line.split() for _, output in shown for line in output.splitlines() if " reached " in line]
-    cards = goal_results(folder / "bag")
+    cards = read_bag(folder / "bag").robots[0].outcomes
     assert [float(row[5]) for row in rows] == pytest.approx([round(one.time, 1) for one in cards])
     assert [float(row[6]) for row in rows] == pytest.approx([round(one.position_error, 3) for one in cards])
     assert [one["position_error"] for one in summary["goals"]] == [one.position_error for one in cards]

@@ -8,7 +8,7 @@ export function wrapAngle(angle) {
   return wrapped === -Math.PI ? Math.PI : wrapped;
 }
 
-/** Semi-axes and direction [rad] of the ellipse that contains a position with this covariance by 95 %. */
+/** Return semi-axes and direction [rad] of the 95 % ellipse of a position with this covariance. */
 export function ellipseOf(xx, xy, yy) {
   const mean = (xx + yy) / 2;
   const spread = Math.hypot((xx - yy) / 2, xy);
@@ -16,17 +16,17 @@ export function ellipseOf(xx, xy, yy) {
   return { a: axis(mean + spread), b: axis(mean - spread), angle: Math.atan2(2 * xy, xx - yy) / 2 };
 }
 
-/** The largest of 1, 2, 5 times a power of ten that is at most `length`. */
+/** Return the largest number 1, 2 or 5 times a power of ten that is at most `length`. */
 export function roundStep(length) {
   const power = 10 ** Math.floor(Math.log10(length));
   const share = length / power;
   return power * (share >= 5 ? 5 : share >= 2 ? 2 : 1);
 }
 
-/** Index of the last of `count` increasing `values` that is at most `value`; -1 if there is none. */
-export function lastAtMost(values, count, value) {
+/** Return the index of the last of increasing `values` that is at most `value`; -1 if all are larger. */
+export function lastAtMost(values, value) {
   let low = 0;
-  let high = count;
+  let high = values.length;
   while (low < high) {
     const middle = (low + high) >> 1;
     if (values[middle] <= value) low = middle + 1;
@@ -35,7 +35,7 @@ export function lastAtMost(values, count, value) {
   return low - 1;
 }
 
-/** Smallest and largest of the finite values with indices from `begin` to `end`, widened by `extra`; null for none. */
+/** Return the smallest and the largest finite value from `begin` to `end` and in `extra`; null if there is no value. */
 export function rangeOf(values, begin, end, extra = null) {
   let [low, high] = extra ?? [Infinity, -Infinity];
   for (let i = begin; i < end; i += 1) {
@@ -46,22 +46,20 @@ export function rangeOf(values, begin, end, extra = null) {
   return low <= high ? [low, high] : null;
 }
 
-/** A number with a fixed number of digits, or a dash. */
-export function shown(value, digits = 2) {
-  return Number.isFinite(value) ? value.toFixed(digits).replace(/^-(0\.?0*)$/, "$1") : "–";
+/** Return a number with this many digits and a unit, or a dash if it is not finite. */
+export function shown(value, digits = 2, unit = "") {
+  if (!Number.isFinite(value)) return "–";
+  return `${value.toFixed(digits).replace(/^-(0\.?0*)$/, "$1")}${unit && ` ${unit}`}`;
 }
 
-/** A length in words: centimetres below one metre. */
-export function lengthText(metres) {
-  if (!Number.isFinite(metres)) return "–";
-  return metres < 0.995 ? `${shown(100 * metres, 1)} cm` : `${shown(metres)} m`;
-}
+/** Return a length [m] as text, in centimetres below one metre. */
+export const lengthText = (length) => (length < 0.995 ? shown(100 * length, 1, "cm") : shown(length, 2, "m"));
 
-export const degrees = (angle, digits = 1) => shown((angle * 180) / Math.PI, digits);
+export const degrees = (angle) => (angle * 180) / Math.PI;
 
 const NUMBER = /^[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?$/i;
 
-/** Convert a text to a number; throw an error that names the field if the text is not a number. */
+/** Convert a text to a number; throw an error that names the field if it is not a number. */
 export function readNumber(name, text) {
   const word = text.trim();
   const value = NUMBER.test(word) ? Number(word) : NaN;

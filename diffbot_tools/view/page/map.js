@@ -3,12 +3,12 @@ import { ellipseOf, lastAtMost, roundStep, shown, TWO_PI } from "./geometry.js";
 // Draws the map: grid, paths, fixes, goals with tolerance and region, landmarks, the dock, robots.
 
 const PATHS = ["odometry", "truth", "estimate"];
-const SYMBOL = 9; // [pixels] smallest radius of a robot, and the radius of a robot of unknown size
+const MIN_RADIUS = 9; // [pixels] of a robot; a robot of unknown size has this radius
 const MAX_ELLIPSES = 60;
-const MAX_WAYPOINTS = 50;
-const CROSS = 4; // [pixels] of a detection of the dock
+const MAX_WAYPOINTS = 50; // of a path whose waypoints are drawn
+const CROSS = 4; // [pixels] half the size of a detection of the dock
 
-/** Clear a canvas, whose pixels are those of the screen, and return its context in units of CSS pixels. */
+/** Clear a canvas, whose resolution is that of the screen, and return its context in units of CSS pixels. */
 export function cleared(canvas) {
   const ratio = Math.min(globalThis.devicePixelRatio || 1, 2);
   const width = canvas.clientWidth;
@@ -48,7 +48,7 @@ function drawGrid(context, view, colours) {
   context.stroke();
 }
 
-/** Trace rows from `begin` to `end` without points that are closer than 3 pixels to the previous point. */
+/** Trace rows from `begin` to `end`; skip points that are closer than 3 pixels to the previous point. */
 function tracePath(context, view, curve, begin, end) {
   const { x, y } = curve.columns;
   let lastX = Infinity;
@@ -66,8 +66,8 @@ function tracePath(context, view, curve, begin, end) {
 }
 
 /**
- * The paths as an image. While the view does not change, a frame adds only the new rows, since stroking paths of many
- * minutes takes longer than a frame.
+ * An image of the paths. Stroking paths of many minutes takes longer than a frame. Therefore a frame adds only the new rows
+ * to the image, as long as the view does not change.
  */
 class PathLayer {
   constructor() {
@@ -76,7 +76,7 @@ class PathLayer {
     this.drawn = {};
   }
 
-  /** Bring the image up to a time and draw it. */
+  /** Draw the paths, bright up to a time and pale after it. */
   draw(context, view, robot, time, hidden, colours) {
     const { width, height } = context.canvas;
     const shown = PATHS.filter((name) => robot.curves[name] && !hidden.has(name));
@@ -94,7 +94,7 @@ class PathLayer {
       }
     }
     for (const name of shown) {
-      // From the last drawn point on, so that the parts are joined.
+      // The last drawn point is drawn again, so that the parts are joined.
       if (ends[name] > this.drawn[name]) this.add(layer, view, robot.curves[name], Math.max(this.drawn[name] - 1, 0), ends[name], name, colours, 1);
       this.drawn[name] = ends[name];
     }
@@ -137,7 +137,7 @@ function addEllipse(context, view, columns, index) {
   context.ellipse(px, py, radius, b * view.scale, -angle, 0, TWO_PI);
 }
 
-/** At most MAX_ELLIPSES ellipses of 95 % along the path, at least 60 pixels apart, and the current one filled. */
+/** Draw at most MAX_ELLIPSES ellipses of 95 % along the path, at least 60 pixels apart, and fill the current ellipse. */
 function drawEllipses(context, view, curve, time, colours) {
   if (!curve.columns.xx) return;
   const { x, y } = curve.columns;
@@ -164,7 +164,7 @@ function drawEllipses(context, view, curve, time, colours) {
   context.stroke();
 }
 
-/** An arrow of `length` pixels from a pose. */
+/** Draw an arrow of `length` pixels from a pose. */
 export function drawArrow(context, view, pose, length, colour) {
   const [px, py] = view.toScreen(pose.x, pose.y);
   const [dx, dy] = [Math.cos(pose.theta), -Math.sin(pose.theta)];
@@ -211,12 +211,12 @@ function drawGoal(context, view, robot, time, constants, colours) {
   context.fillText(text, Math.min(px + 10, view.width - context.measureText(text).width - 4), py + radius * view.scale + 14);
 }
 
-/** A robot: both wheels, the circle through them, and a nose; a symbol if its size is unknown. */
+/** Draw a robot: its wheels, the circle through them, and a line to the front. A robot of unknown size has no wheels. */
 function drawRobot(context, view, pose, wheels, colour, filled, name = "") {
   const [px, py] = view.toScreen(pose.x, pose.y);
   const [radius, track] = wheels ?? [0, 0];
-  const scale = track ? Math.max(view.scale, (2 * SYMBOL) / track) : 0; // [pixels/m], large enough for a small robot to be visible
-  const r = (scale * track) / 2 || SYMBOL;
+  const scale = track ? Math.max(view.scale, (2 * MIN_RADIUS) / track) : 0; // [pixels/m]
+  const r = (scale * track) / 2 || MIN_RADIUS;
   context.save();
   context.translate(px, py);
   context.rotate(-pose.theta);
@@ -255,7 +255,7 @@ function drawPlan(context, view, points, colour) {
   context.fill();
 }
 
-/** A diamond with its number per landmark: filled while it is in view, else its outline. */
+/** Draw each landmark as a diamond with its number; fill the diamond while the landmark is in view. */
 function drawLandmarks(context, view, robot, time, colours) {
   context.strokeStyle = colours.landmarks;
   context.fillStyle = colours.landmarks;
@@ -266,16 +266,16 @@ function drawLandmarks(context, view, robot, time, colours) {
     context.beginPath();
     for (const [dx, dy] of [[0, -7], [7, 0], [0, 7], [-7, 0]]) context.lineTo(px + dx, py + dy);
     context.closePath();
-    // `inView` alternates between begin and end of an interval.
-    if (lastAtMost(inView, inView.length, time) % 2 === 0) context.fill();
+    // In `inView`, begins and ends of intervals alternate.
+    if (lastAtMost(inView, time) % 2 === 0) context.fill();
     context.stroke();
     context.fillText(String(number), px + 8, py - 5);
   }
 }
 
 /**
- * The dock as model.py places it, where `pose` may be null: its axis out to the staging pose, the corridor of the approach,
- * a bar where the docked robot ends, and the newest detections.
+ * Draw the dock of model.py: the axis up to the staging pose, the corridor of the approach, a bar in front of the docked
+ * robot, and the newest detections. Without a `pose`, only the detections are drawn.
  */
 function drawDock(context, view, dock, wheels, colours) {
   context.lineWidth = 1.5;
@@ -320,7 +320,7 @@ function drawDock(context, view, dock, wheels, colours) {
   context.stroke();
 }
 
-/** Names of the layers of the map that a robot has, in the order of the legend. */
+/** Return the names of the map layers that a robot has, in the order of the legend. */
 export function layersOf({ curves, plan, landmarks, dock }) {
   const has = {
     ellipses: curves.estimate?.columns.xx && curves.estimate.rows,
@@ -332,7 +332,7 @@ export function layersOf({ curves, plan, landmarks, dock }) {
   return ["truth", "estimate", "odometry", "fixes", "ellipses", "plan", "landmarks", "dock"].filter((name) => has[name]);
 }
 
-/** The best path of each run up to a time, and its robot, in its own colour. */
+/** Draw the best path of each run up to a time, and the robot, in the colour of the run. */
 function drawRuns(context, view, runs, { time, hidden, colours }) {
   for (const { name, main, colour, constants } of runs) {
     if (!main || hidden.has(name)) continue;
@@ -345,7 +345,7 @@ function drawRuns(context, view, runs, { time, hidden, colours }) {
   }
 }
 
-/** Draw one robot with all its layers at a time, and the poses of the others; mark the pose at `hover` [s] or null. */
+/** Draw one robot with all layers at a time, and the poses of the other robots. Mark the pose at `hover` [s] or null. */
 export function drawMap(canvas, view, robots, robot, runs, { time, hover, hidden, colours }) {
   const { constants } = robot;
   const context = cleared(canvas);
@@ -370,15 +370,14 @@ export function drawMap(canvas, view, robots, robot, runs, { time, hover, hidden
   if (robot.dock && !hidden.has("dock")) drawDock(context, view, robot.dock, constants.wheels, colours);
   drawGoal(context, view, robot, time, constants, colours);
   for (const other of robots) {
-    for (const name of ["truth", "estimate"]) {
-      const pose = other.curves[name]?.poseAt(time);
-      if (pose && !hidden.has(name) && (other === robot || other.curves[name] === other.main)) {
-        const label = robots.length > 1 && other.curves[name] === other.main ? other.name : "";
-        drawRobot(context, view, pose, other.constants.wheels, other === robot ? colours[name] : colours.faint, name === "estimate", label);
-      }
-    }
-    if (!other.curves.truth && !other.curves.estimate && other.main?.poseAt(time)) {
-      drawRobot(context, view, other.main.poseAt(time), other.constants.wheels, colours.odometry, true, robots.length > 1 ? other.name : "");
+    for (const name of ["truth", "estimate", "odometry"]) {
+      const curve = other.curves[name];
+      const isMain = curve === other.main;
+      const isShown = isMain || (other === robot && name !== "odometry");
+      const pose = isShown && !hidden.has(name) && curve?.poseAt(time);
+      if (!pose) continue;
+      const colour = other === robot ? colours[name] : colours.faint;
+      drawRobot(context, view, pose, other.constants.wheels, colour, name !== "truth", robots.length > 1 && isMain ? other.name : "");
     }
   }
   return context;

@@ -2,10 +2,10 @@ import { degrees, lengthText, shown } from "./geometry.js";
 
 // Texts beside the drawings. Texts from a bag or a robot are set as text, never as markup.
 
-/** Events that are kept; beyond this number, the oldest are dropped. */
+/** Number of events that are kept. The oldest are dropped. */
 export const MAX_EVENTS = 2000;
 
-const MANY = 5; // with more goals, a card shows its verdict only, and its lines as a hint
+const MANY = 5; // if there are more cards, a card shows only its verdict, and its lines as a hint
 
 /** Append an element with a text and attributes; return it. */
 export function add(parent, tag, text = "", attributes = {}) {
@@ -16,8 +16,8 @@ export function add(parent, tag, text = "", attributes = {}) {
   return element;
 }
 
-/** Replace the content of an element by a heading and a table; rows are texts, or [text, class]. */
-export function fillTable(parent, title, head, rows) {
+/** Replace the content of an element by a heading and a table. A cell is a text, or [text, class]. */
+function fillTable(parent, title, head, rows) {
   parent.replaceChildren();
   if (!rows.length) return;
   add(parent, "h2", title);
@@ -35,21 +35,22 @@ export function fillTable(parent, title, head, rows) {
   }
 }
 
-/** The result of a report: its health in words, and a card for each goal; a click on a card shows the end of its goal. */
+/** Show the health in words, and a card for each goal and docking; a click on a card shows the time of its end. */
 export function showResult(parent, robot, onTime) {
   parent.replaceChildren();
   const head = add(parent, "p", "", { class: "health" });
-  for (const [level, words] of robot.health) add(head, "span", words, { "data-level": String(level) });
-  const cards = add(parent, "div", "", { class: robot.cards.length > MANY ? "cards many" : "cards" });
-  const rows = robot.cards.map((one, index) => ({ ...one, number: index + 1 }));
-  // With many goals, the missed goals come first.
-  if (rows.length > MANY) rows.sort((one, other) => Math.max(other.level, 0) - Math.max(one.level, 0));
-  for (const { goal: [x, y, theta], number, level: own, verdict, lines, ended, accepted } of rows) {
-    const card = add(cards, "button", "", { type: "button", "data-level": String(own) });
-    add(card, "small", `Goal ${number}: ${shown(x)}, ${shown(y)} m, ${degrees(theta, 0)} deg`);
+  for (const [level, text] of robot.health) add(head, "span", text, { "data-level": String(level) });
+  const isMany = robot.cards.length > MANY;
+  const box = add(parent, "div", "", { class: isMany ? "cards many" : "cards" });
+  const cards = [...robot.cards];
+  // Of many cards, the missed goals come first.
+  if (isMany) cards.sort((one, other) => Math.max(other.level, 0) - Math.max(one.level, 0));
+  for (const { title, level, verdict, lines, ended, accepted } of cards) {
+    const card = add(box, "button", "", { type: "button", "data-level": String(level) });
+    add(card, "small", title);
     add(card, "strong", verdict);
-    if (rows.length > MANY) card.title = lines.map(([, words]) => words).join("\n");
-    else for (const [one, words] of lines) add(card, "span", words, { "data-level": String(one) });
+    if (isMany) card.title = lines.map(([, text]) => text).join("\n");
+    else for (const [own, text] of lines) add(card, "span", text, { "data-level": String(own) });
     card.addEventListener("click", () => onTime(ended ?? accepted));
   }
 }
@@ -63,7 +64,7 @@ const FIGURES = [
   ["turns", "revolutions", 2],
 ];
 
-/** The table of goals and how they ended; in a comparison goal by goal, with the differences to the first run. */
+/** Show the table of goals and how they ended; in a comparison goal by goal, with the differences to the first run. */
 export function showSummary(parent, robots) {
   const isComparison = robots.length > 1;
   const rows = [];
@@ -72,21 +73,21 @@ export function showSummary(parent, robots) {
       const [one, first] = [cards[i], robots[0].cards[i]];
       if (!one) continue;
       const figures = FIGURES.map(([, key, digits, factor = 1]) => {
+        const text = shown(factor * (one[key] ?? NaN), digits);
         const difference = factor * (one[key] - first?.[key]);
-        const isOther = one !== first && one[key] !== null && (first?.[key] ?? null) !== null;
-        return `${shown(factor * (one[key] ?? NaN), digits)}${isOther ? ` (${difference < 0 ? "" : "+"}${shown(difference, digits)})` : ""}`;
+        if (one === first || one[key] === null || (first?.[key] ?? null) === null) return text;
+        return `${text} (${difference < 0 ? "" : "+"}${shown(difference, digits)})`;
       });
-      const [x, y, theta] = one.goal;
-      const goal = `${shown(x)}, ${shown(y)}, ${degrees(theta)} deg`;
-      rows.push([...(isComparison ? [name] : []), goal, shown(one.accepted, 1), [one.end || "–", one.level > 1 ? "bad" : ""], ...figures]);
+      const end = [one.end || "–", one.level > 1 ? "bad" : ""];
+      rows.push([...(isComparison ? [name] : []), one.title, shown(one.accepted, 1), end, ...figures]);
     }
   }
-  const head = ["goal (x, y, heading)", "accepted [s]", "end", ...FIGURES.map(([text]) => text)];
-  const title = `Goals: time from acceptance to answer, error of the pose at the answer${isComparison ? "; differences to the first run" : ""}`;
-  fillTable(parent, title, isComparison ? ["run", ...head] : head, rows);
+  const head = [...(isComparison ? ["run"] : []), "goal", "accepted [s]", "end", ...FIGURES.map(([text]) => text)];
+  const differences = isComparison ? "; in brackets the difference to the first run" : "";
+  fillTable(parent, `Goals: time from acceptance to answer, error at the answer${differences}`, head, rows);
 }
 
-/** The table of topics: rates, gaps and delays. */
+/** Show the table of topics: rates, gaps and delays. */
 export function showTopics(parent, topics) {
   const head = ["topic", "type", "messages", "rate [Hz]", "largest gap [s]", "delay, median [ms]", "delay, 99 % [ms]"];
   const rows = topics.map((one) => [
@@ -101,16 +102,16 @@ export function showTopics(parent, topics) {
   fillTable(parent, "Topics", head, rows);
 }
 
-/** The newest diagnoses, the worst first. */
+/** Show the newest diagnoses, the worst first. */
 export function showDiagnostics(parent, diagnostics) {
-  const words = ["ok", "warning", "ERROR", "no news", "ended"];
+  const words = ["ok", "warning", "error", "stale", "ended"];
   const rows = [...diagnostics]
     .sort((a, b) => (b.level % 4) - (a.level % 4))
     .map((one) => [one.name, [words[one.level] ?? "unknown", one.level === 2 || one.level === 3 ? "bad" : ""], one.message]);
-  fillTable(parent, "Diagnostics", ["node", "level", "in words"], rows);
+  fillTable(parent, "Diagnostics", ["node", "level", "message"], rows);
 }
 
-/** The list of events, with a box per kind that hides it. */
+/** The list of events, with a check box for each kind of event that hides it. */
 export class EventList {
   constructor(list, filters, onTime) {
     Object.assign(this, { list, filters, onTime, hidden: new Set(), kinds: new Set(), items: [] });
@@ -160,58 +161,26 @@ export class EventList {
   }
 }
 
-/** The numbers below the map at a time. */
+/** Show the numbers below the map at a time. */
 export function showValues(parent, robot, time) {
   const pose = robot.main?.poseAt(time);
   const at = (curve, column) => robot.curves[curve]?.at(column, time) ?? NaN;
   const error = robot.errorAt(time);
   const speed = robot.speedAt(time);
-  const values = [
-    ["to goal", lengthText(at("to_goal", "distance"))],
-    ["heading error", degrees(at("to_goal", "heading")), "deg"],
-    ["since goal", shown(robot.clockAt(time), 1), "s"],
-    ["v", shown(speed.v), "m/s"],
-    ["omega", shown(speed.omega), "rad/s"],
-    ["x", shown(pose?.x), "m"],
-    ["y", shown(pose?.y), "m"],
-    ["heading", degrees(pose?.theta), "deg"],
-    ["off the truth", error ? `${lengthText(error.distance)}, ${degrees(error.heading)} deg` : "–"],
-  ];
-  fillValues(parent, values);
-}
-
-const LAW = [
-  ["rho", "m", "distance to the goal"],
-  ["alpha", "rad", "direction of the goal, seen from the robot's heading; undefined at the goal"],
-  ["beta", "rad", "direction of the goal, seen from the goal's heading; undefined at the goal"],
-  ["V", "", "Lyapunov function of the region: falls as long as the law acts without disturbance"],
-  ["eps_P", "m", "radius of Omega_L around the goal"],
-  ["region", "", "Omega_G: far, the law drives and steers; Omega_L: near, it drives and holds the heading"],
-];
-
-/** The law's variables at a time, each with an explanation. */
-export function showLaw(parent, robot, time) {
-  const { law } = robot.curves;
-  if (!law) return;
-  const region = law.at("region", time);
-  const values = LAW.map(([name, unit, text]) => {
-    const value = name === "region" ? (["Omega_G", "Omega_L"][region] ?? "–") : shown(law.at(name, time), 3);
-    return [name, value, unit, text];
-  });
-  fillValues(parent, values);
-}
-
-function fillValues(parent, values) {
-  if (parent.children.length !== values.length) {
-    parent.replaceChildren();
-    for (const [name, , , text] of values) {
-      const row = add(parent, "div");
-      add(row, "dt", name);
-      add(row, "dd");
-      if (text) add(row, "dd", text, { class: "what" });
-    }
+  const values = {
+    "to goal": lengthText(at("to_goal", "distance")),
+    "heading error": shown(degrees(at("to_goal", "heading")), 1, "deg"),
+    "since goal": shown(robot.clockAt(time), 1, "s"),
+    v: shown(speed.v, 2, "m/s"),
+    omega: shown(speed.omega, 2, "rad/s"),
+    x: shown(pose?.x, 2, "m"),
+    y: shown(pose?.y, 2, "m"),
+    heading: shown(degrees(pose?.theta), 1, "deg"),
+    "true error": error ? `${lengthText(error.distance)}, ${shown(degrees(error.heading), 1, "deg")}` : "–",
+  };
+  for (const [index, [name, text]] of Object.entries(values).entries()) {
+    const row = parent.children[index] ?? add(parent, "div");
+    if (!row.children.length) add(row, "dt", name);
+    (row.children[1] ?? add(row, "dd")).textContent = text;
   }
-  values.forEach(([, text, unit], index) => {
-    parent.children[index].children[1].textContent = `${text} ${text === "–" || !unit ? "" : unit}`;
-  });
 }

@@ -1,73 +1,61 @@
 import { lastAtMost, wrapAngle } from "./geometry.js";
 
-// The data of the page: curves over time, goals and events of each robot. A report fills them once, a live page appends.
+// The data of the page: curves over time, goals and events of each robot. A report sets them once, a live page appends.
 
 const LIVE_ROWS = 40000;
 const MAX_LANDMARKS = 500;
-const IN_VIEW = 1; // [s] after a measurement
+const IN_VIEW = 1; // [s] a landmark is in view until this time after a measurement
 const SIDES = [["left", -0.5], ["right", 0.5]];
 const MISSING = -2147483648;
 
-/** Columns of numbers over the column `t` [s]. */
+/** Columns of numbers, with their times [s] in the column `t`. */
 export class Curve {
-  constructor(columns, rows) {
-    Object.assign(this, { columns, rows, rims: 0 });
-  }
-
-  /** An empty curve with these columns that grows by `append`. */
-  static growing(names) {
-    return new Curve(Object.fromEntries(names.map((name) => [name, new Float64Array(1024)])), 0);
+  constructor(columns) {
+    this.columns = columns;
+    this.names = Object.keys(columns);
   }
 
   get t() {
     return this.columns.t;
   }
 
-  /** Append a row in the order of the columns; null is a missing number. At LIVE_ROWS, drop the older half. */
-  append(row) {
-    if (this.rows && row[0] < this.t[this.rows - 1]) this.rows = 0; // time has jumped back: a new run
-    const names = Object.keys(this.columns);
-    if (this.rows === this.t.length) {
-      const drop = this.rows >= LIVE_ROWS ? this.rows >> 1 : 0;
-      for (const name of names) {
-        const old = this.columns[name];
-        const grown = drop ? old : new Float64Array(2 * old.length);
-        grown.set(old.subarray(drop));
-        this.columns[name] = grown;
-      }
-      this.rows -= drop;
-      this.rims = 0;
-    }
-    names.forEach((name, index) => {
-      this.columns[name][this.rows] = row[index] ?? NaN;
-    });
-    this.rows += 1;
+  get rows() {
+    return this.t.length;
   }
 
-  /** Compute the new rows of the columns left and right: speeds [m/s] of the rims of wheels at this distance [m]. */
+  /** Append a row in the order of the columns; null is a missing number. If there are LIVE_ROWS, drop the older half. */
+  append(row) {
+    const isNewRun = row[0] < this.t.at(-1); // the time has jumped back
+    const dropped = isNewRun ? this.rows : this.rows < LIVE_ROWS ? 0 : LIVE_ROWS / 2;
+    if (dropped) {
+      for (const name of this.names) this.columns[name].splice(0, dropped);
+      for (const [side] of SIDES) delete this.columns[side];
+    }
+    this.names.forEach((name, index) => this.columns[name].push(row[index] ?? NaN));
+  }
+
+  /** Compute the missing rows of the columns left and right: speeds of the wheel rims [m/s]; `track` is the wheel separation [m]. */
   addRims(track) {
     const { v, omega } = this.columns;
-    if (!v) return;
-    const begin = this.columns.left && this.rims <= this.rows ? this.rims : 0;
+    if (!v || !omega) return;
     for (const [side, share] of SIDES) {
-      this.columns[side] ??= new Float64Array(v.length);
-      for (let i = begin; i < this.rows; i += 1) this.columns[side][i] = v[i] + share * track * omega[i];
+      const rim = (this.columns[side] ??= []);
+      for (let i = rim.length; i < this.rows; i += 1) rim.push(v[i] + share * track * omega[i]);
     }
-    this.rims = this.rows;
   }
 
-  /** Index of the last row at or before a time; -1 before the first. */
+  /** Return the index of the last row at or before a time; -1 before the first row. */
   indexAt(time) {
-    return lastAtMost(this.t, this.rows, time);
+    return lastAtMost(this.t, time);
   }
 
-  /** The value of a column in the last row at or before a time; NaN before the first row. */
+  /** Return the value of a column in the last row at or before a time; NaN before the first row. */
   at(name, time) {
     const index = this.indexAt(time);
     return index < 0 || !this.columns[name] ? NaN : this.columns[name][index];
   }
 
-  /** Time [s] of the row nearest to a point [m], the latest before `end` [s]; null if none is within `reach` [m]. */
+  /** Return the time [s] of the row before `end` [s] that is nearest to a point [m]; null if no row is within `reach` [m]. */
   timeNear(x, y, reach, end) {
     const { columns } = this;
     let [found, best] = [null, reach * reach];
@@ -78,7 +66,7 @@ export class Curve {
     return found;
   }
 
-  /** x, y, theta at a time, interpolated; null before the first row. */
+  /** Return the interpolated x, y, theta at a time; null before the first row. */
   poseAt(time) {
     const i = this.indexAt(time);
     if (i < 0) return null;
@@ -90,17 +78,17 @@ export class Curve {
   }
 }
 
-/** One robot. */
+/** The data of one robot. */
 export class Robot {
   constructor(name, constants) {
     Object.assign(this, { name, constants, curves: {}, goals: [], events: [], cards: [], states: [], services: {}, dock: null });
-    this.plan = new Curve({ t: [], x: [], y: [] }, 0);
+    this.plan = new Curve({ t: [], x: [], y: [] });
     this.landmarks = new Map();
   }
 
   /** Append a row to a curve; the first row creates the curve. */
   append(curve, names, row) {
-    (this.curves[curve] ??= Curve.growing(names)).append(row);
+    (this.curves[curve] ??= new Curve(Object.fromEntries(names.map((name) => [name, []])))).append(row);
   }
 
   /** Compute the speeds of the rims for the new rows. */
@@ -109,37 +97,37 @@ export class Robot {
     if (this.constants.wheels) for (const one of [odometry, truth, command]) one?.addRims(this.constants.wheels[1]);
   }
 
-  /** Level and words of the state at a time. */
+  /** Return level and text of the state at a time. */
   stateAt(time) {
     const [, level, text] = this.states.findLast(([since]) => since <= time) ?? [0, 0, ""];
     return [level, text];
   }
 
-  /** v and omega at a time: measured, else commanded. */
+  /** Return v and omega at a time: measured, or else commanded. */
   speedAt(time) {
     const curve = this.curves.odometry ?? this.curves.command;
     return { v: curve?.at("v", time) ?? NaN, omega: curve?.at("omega", time) ?? NaN };
   }
 
-  /** Estimate minus truth at a time: distance and heading; null without both. */
+  /** Return the error of the estimate at a time: distance and heading; null without an estimate or a truth. */
   errorAt(time) {
     const [a, b] = [this.curves.estimate?.poseAt(time), this.curves.truth?.poseAt(time)];
     return a && b ? { distance: Math.hypot(a.x - b.x, a.y - b.y), heading: wrapAngle(a.theta - b.theta) } : null;
   }
 
-  /** Time [s] since the newest goal was accepted, at most until its answer; NaN without a goal. */
+  /** Return the time [s] from the acceptance of the newest goal to its answer or to a time; NaN without a goal. */
   clockAt(time) {
     const goal = this.goalAt(time);
     return goal ? Math.min(time, goal[4] ?? Infinity) - goal[0] : NaN;
   }
 
-  /** Set the planned path from a time on; without points, there is no path. */
+  /** Set the planned path from a time on; no points end the path. */
   setPlan([time, points]) {
     const rows = points.length ? points : [[NaN, NaN]];
-    this.plan = new Curve({ t: rows.map(() => time), x: rows.map(([x]) => x), y: rows.map(([, y]) => y) }, rows.length);
+    this.plan = new Curve({ t: rows.map(() => time), x: rows.map(([x]) => x), y: rows.map(([, y]) => y) });
   }
 
-  /** The points [x, y] of the planned path at a time. */
+  /** Return the points [x, y] of the planned path at a time. */
   planAt(time) {
     const { t, x, y } = this.plan.columns;
     const points = [];
@@ -149,8 +137,8 @@ export class Robot {
     return points;
   }
 
-  /** Set the places of landmarks [x, y, number] that were measured at a time. */
-  see([time, landmarks]) {
+  /** Add landmarks [x, y, number] that were measured at a time [s]. */
+  addLandmarks([time, landmarks]) {
     for (const [x, y, number] of landmarks) this.landmarks.set(number, { number, x, y, inView: [time, time + IN_VIEW] });
     for (const number of this.landmarks.keys()) {
       if (this.landmarks.size <= MAX_LANDMARKS) break;
@@ -158,12 +146,12 @@ export class Robot {
     }
   }
 
-  /** The best available curve of the pose of the robot. */
+  /** Return the best available curve of the pose of the robot. */
   get main() {
     return this.curves.estimate ?? this.curves.truth ?? this.curves.odometry ?? null;
   }
 
-  /** The newest goal [t, x, y, theta, end] at a time, or null. */
+  /** Return the newest goal [t, x, y, theta, end] at a time, or null. */
   goalAt(time) {
     return this.goals.findLast((goal) => goal[0] <= time) ?? null;
   }
@@ -179,7 +167,7 @@ function column(bytes, { unit, at }, rows) {
   return values;
 }
 
-/** The robots of a report; its columns are packed by diffbot_tools/view/report.py. */
+/** Return the robots of a report; diffbot_tools/view/report.py has packed their columns. */
 export async function unpackRobots(data) {
   const packed = Uint8Array.from(atob(data.packed), (letter) => letter.charCodeAt(0));
   const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
@@ -187,7 +175,7 @@ export async function unpackRobots(data) {
   return data.robots.map((one) => {
     const curves = Object.entries(one.curves).map(([name, { rows, columns }]) => {
       const unpacked = Object.entries(columns).map(([key, place]) => [key, column(bytes, place, rows)]);
-      return [name, new Curve(Object.fromEntries(unpacked), rows)];
+      return [name, new Curve(Object.fromEntries(unpacked))];
     });
     const { plan, ...shown } = Object.fromEntries(curves);
     const landmarks = new Map(one.landmarks.map(([number, x, y, inView]) => [number, { number, x, y, inView }]));

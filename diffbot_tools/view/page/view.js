@@ -1,24 +1,24 @@
 import { rangeOf } from "./geometry.js";
 
-// The part of the plane that the map shows (x to the right, y up), and the mouse, touch and keys that move it.
+// The part of the plane that the map shows (x to the right, y up), and how mouse, touch and keys move it.
 
-const SMALLEST = 0.5;
-const LARGEST = 5000;
-const LEAST = 5; // [m] smallest width and height that are shown
-const EDGE = 10; // [pixels] a point closer to the border counts as out of view
-const SHORTEST_DRAG = 8; // [pixels] that give a heading
+const MIN_SCALE = 0.5; // [pixels/m]
+const MAX_SCALE = 5000;
+const MIN_SIZE = 5; // [m] smallest width and height that are shown
+const EDGE = 10; // [pixels] a point closer to the border is out of view
+const MIN_DRAG = 8; // [pixels] shortest drag that gives a heading
 
 export class View {
   constructor() {
     Object.assign(this, { x: 0, y: 0, scale: 60, width: 300, height: 200, follow: false, isOwn: false });
   }
 
-  /** Pixels of a point [m]. */
+  /** Return the pixels of a point [m]. */
   toScreen(x, y) {
     return [this.width / 2 + (x - this.x) * this.scale, this.height / 2 - (y - this.y) * this.scale];
   }
 
-  /** Point [m] of pixels. */
+  /** Return the point [m] of pixels. */
   toWorld(px, py) {
     return [this.x + (px - this.width / 2) / this.scale, this.y - (py - this.height / 2) / this.scale];
   }
@@ -31,10 +31,10 @@ export class View {
     this.isOwn = true;
   }
 
-  /** Zoom about a pixel, whose point [m] does not change. */
+  /** Zoom about a pixel, which keeps its point [m]. */
   zoom(factor, px = this.width / 2, py = this.height / 2) {
     const [x, y] = this.toWorld(px, py);
-    this.scale = Math.min(Math.max(this.scale * factor, SMALLEST), LARGEST);
+    this.scale = Math.min(Math.max(this.scale * factor, MIN_SCALE), MAX_SCALE);
     const [newX, newY] = this.toWorld(px, py);
     this.x += x - newX;
     this.y += y - newY;
@@ -43,26 +43,21 @@ export class View {
 
   /** Show all paths, goals and landmarks of a robot. */
   fit(robot) {
-    let xs = null;
-    let ys = null;
-    for (const name of ["truth", "estimate", "odometry"]) {
-      const curve = robot.curves[name];
-      if (!curve) continue;
-      xs = rangeOf(curve.columns.x, 0, curve.rows, xs);
-      ys = rangeOf(curve.columns.y, 0, curve.rows, ys);
-    }
-    const { plan } = robot;
-    const dock = robot.dock?.pose ? [{ x: robot.dock.pose[0], y: robot.dock.pose[1] }] : [];
-    const points = [...robot.goals.map(([, x, y]) => ({ x, y })), ...robot.landmarks.values(), ...dock];
-    xs = rangeOf([...points.map(({ x }) => x), ...plan.columns.x], 0, points.length + plan.rows, xs);
-    ys = rangeOf([...points.map(({ y }) => y), ...plan.columns.y], 0, points.length + plan.rows, ys);
+    const curves = ["truth", "estimate", "odometry"].flatMap((name) => robot.curves[name] ?? []);
+    const points = robot.goals.map(([, x, y]) => [x, y]);
+    for (const { x, y } of robot.landmarks.values()) points.push([x, y]);
+    if (robot.dock?.pose) points.push(robot.dock.pose);
+    const [xs, ys] = ["x", "y"].map((axis, index) => {
+      const own = rangeOf(points.map((point) => point[index]), 0, points.length);
+      return [...curves, robot.plan].reduce((range, { columns, rows }) => rangeOf(columns[axis], 0, rows, range), own);
+    });
     if (!xs || !ys) return;
     this.x = (xs[0] + xs[1]) / 2;
     this.y = (ys[0] + ys[1]) / 2;
     const [width, height] = [xs[1] - xs[0], ys[1] - ys[0]];
     const margin = 0.15 * Math.max(width, height) + 0.5;
-    const wide = Math.min(this.width / Math.max(width + margin, LEAST), this.height / Math.max(height + margin, LEAST));
-    this.scale = Math.min(Math.max(wide, SMALLEST), LARGEST);
+    const wide = Math.min(this.width / Math.max(width + margin, MIN_SIZE), this.height / Math.max(height + margin, MIN_SIZE));
+    this.scale = Math.min(Math.max(wide, MIN_SCALE), MAX_SCALE);
     this.follow = this.isOwn = false;
   }
 
@@ -95,7 +90,7 @@ export function startPointer(canvas, view, tools, { onPose, onChange, onHint, on
   const drawn = ([px, py]) => {
     const [x, y] = view.toWorld(...start);
     const theta = Math.atan2(start[1] - py, px - start[0]);
-    return { x, y, theta, isLong: Math.hypot(px - start[0], py - start[1]) >= SHORTEST_DRAG };
+    return { x, y, theta, isLong: Math.hypot(px - start[0], py - start[1]) >= MIN_DRAG };
   };
 
   canvas.addEventListener("pointerdown", (event) => {
@@ -128,7 +123,7 @@ export function startPointer(canvas, view, tools, { onPose, onChange, onHint, on
     if (kind !== "pan" && start) {
       const pose = drawn(place(event));
       if (pose.isLong) onPose(kind, pose);
-      else onHint("Drag to give the heading: press where the robot should stand, release where it should look.");
+      else onHint("Drag to set the heading: press at the position, drag towards the heading, release.");
     }
     start = null;
     tools.draw = null;

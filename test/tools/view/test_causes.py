@@ -1,4 +1,4 @@
-"""Why a goal was missed: what the curves of a drive with one fault tell."""
+"""Causes of a missed goal: each fault of a drive is found in its curves and named."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def found(curves):
     return causes(curves, 2.0, 18.0, PRESETS["tuned"].config, WheelGeometry(0.05, 0.6))
 
 
-def test_a_drive_without_a_fault():
+def test_a_drive_without_a_fault_has_no_cause():
     assert found(drive()) == []
 
 
@@ -37,17 +37,17 @@ def test_a_drive_without_a_fault():
         ("command", 5.05, 6.95, None),
     ],
 )
-def test_what_did_not_come(role, begin, end, words):
+def test_a_topic_without_messages_is_named_and_a_short_gap_is_not(role, begin, end, words):
     curves = drive()
     is_kept = (curves[role]["t"] < begin) | (curves[role]["t"] > end)
     curves[role] = {name: values[is_kept] for name, values in curves[role].items()}
     assert found(curves) == ([(WARNING, words)] if words else [])
 
 
-def test_a_wheel_that_stands_is_named():
+def test_a_wheel_that_stands_still_is_named():
     curves = drive()
     late = TIME > 10.0
-    # The left wheel stands, the right one drives on: v is half its speed, and the robot turns left about the other.
+    # The left wheel stands. The right wheel drives on, so the robot turns left at half the speed.
     for role in ("odometry", "truth"):
         curves[role] = curves[role] | {"v": np.where(late, 0.25, 0.5), "omega": np.where(late, 0.5 / 0.6, 0.0)}
     assert found(curves) == [(ERROR, "The left wheel did not turn: 0.50 m/s commanded, 0.00 measured")]
@@ -64,7 +64,7 @@ def test_a_wheel_that_slips_is_named():
     assert float(text.split()[-2]) == pytest.approx(3.0, abs=0.15)
 
 
-def test_fixes_that_are_wrong():
+def test_wrong_fixes_are_named_with_their_mean_error():
     curves = drive()
     fixes = curves["fixes"]
     curves["fixes"] = fixes | {"y": fixes["y"] + 0.4, "theta": fixes["theta"] + np.pi}

@@ -1,4 +1,4 @@
-"""The live page in a browser, fed without a robot: what it shows of two robots, and what it asks of which."""
+"""The live page of two simulated states in a browser: what it shows, and which robot receives its requests."""
 
 import time
 
@@ -14,18 +14,20 @@ SERVICES = {name: {"isThere": True, "isOn": False} for name in ("pause", "reset"
 
 
 class ServedPage:
-    """A page server with two robots, a and b, and the requests that come in."""
+    """A page server with two robots, a and b, and the received requests."""
 
     def __init__(self):
         self.state, self.requests, self.errors = LiveState(("a", "b")), [], []
         constants = constants_of(PRESETS["tuned"].config)
-        take = lambda request, reply: self.requests.append(request)  # noqa: E731 - a callback of one line
-        self.server = PageServer(self.state, constants, take, self.errors.append, Address())
+        self.server = PageServer(self.state, constants, self.on_request, self.errors.append, Address())
         self.server.start()
         self._time = 0.0
         for number, name in enumerate("ab", 1):
             self.state.put(name, "constants", constants | {"xy_tolerance": 0.1 * number})
             self.state.put(name, "services", SERVICES if name == "b" else {})
+
+    def on_request(self, request, reply):
+        self.requests.append(request)
 
     def move(self, name, x, y):
         self._time += 0.1
@@ -78,7 +80,7 @@ def test_a_page_that_connects_again_keeps_its_robot_with_its_limits_and_services
     page.tab.locator("#robot").select_option("b")
     page.wait("diffbotPage.robot.constants.xy_tolerance === 0.2", "the limits of b")
     page.wait("!document.querySelector('[title^=Dock]').disabled", "the services of b")
-    # Without a warning, as a network fails.
+    # The connection is aborted as by a failure of the network.
     page.errors.clear()
     for browser in list(served.server._browsers):
         served.server._loop.call_soon_threadsafe(browser.connection.transport.abort)
@@ -94,7 +96,7 @@ def test_a_page_that_connects_again_keeps_its_robot_with_its_limits_and_services
     assert (request.kind, request.robot) == ("goal", "b")
 
 
-def test_dock_and_undock_are_asked_of_the_robot_that_has_a_dock(page, served):
+def test_dock_and_undock_are_sent_to_the_robot_that_has_a_docking_controller(page, served):
     for name in ("Dock", "Undock", "Pause"):
         assert page.tab.locator(f"[title^={name}]").is_disabled(), "robot a has no services"
     page.tab.locator("#robot").select_option("b")

@@ -1,4 +1,4 @@
-"""Landmarks and planned paths on the map: of a bag, on the page, and of a running robot."""
+"""Positions on the map: landmarks, planned paths, dock and odometry, from a bag and from a running robot."""
 
 import math
 
@@ -8,8 +8,9 @@ import view_bags
 
 from diffbot_core.geometry import Pose, into_frame
 from diffbot_tools.view.bag_source import read_bag
-from diffbot_tools.view.model import PageClock, RobotModel
+from diffbot_tools.view.model import RobotModel
 from diffbot_tools.view.report_command import write_report
+from diffbot_tools.view.track import PageClock
 
 BEGIN = view_bags.BEGIN
 TREE, POST = (2.0, 0.5), (-1.5, 5.0)
@@ -19,8 +20,8 @@ LANDMARK, PLAN = (26, 28, 30), (168, 68, 127)
 """Colours of the light style."""
 
 
-def seen(place, time):
-    """Return where a robot on the circle sees a place at a time [s], in its own frame."""
+def measured(place, time):
+    """Return the position of a place in the frame of the robot on the circle at a time [s]."""
     angle = view_bags.SPEED * time
     offset = complex(*place) - complex(math.cos(angle), math.sin(angle))
     turned = offset * complex(0.0, -1.0) * complex(math.cos(angle), -math.sin(angle))
@@ -28,14 +29,14 @@ def seen(place, time):
 
 
 def marked_drive():
-    """Yield a drive with landmarks at 5 Hz between two estimates: the post until 2 s and from 6 s; and with paths."""
+    """Yield a drive with a path, and with landmarks at 5 Hz: the tree always, the post before 2 s and after 6 s."""
     yield from view_bags.drive(500, error=(0.0, 0.0, 0.0))
     for step in range(48):
         time = 0.2 * step + 0.007
         stamp = BEGIN + step * 200_000_000 + 7_000_000
-        points = [(7, *seen(TREE, time))]
+        points = [(7, *measured(TREE, time))]
         if time < 2.0 or time > 6.0:
-            points.append((40, *seen(POST, time)))
+            points.append((40, *measured(POST, time)))
         yield "/landmarks", stamp, view_bags.cloud(stamp, *points, (99, 1.0, 1.0, math.nan))
     yield "/landmarks", BEGIN, view_bags.cloud(BEGIN, (1, 1.0, 0.0), frame="camera")
     yield "/landmarks", BEGIN, view_bags.cloud(BEGIN, (1, math.nan, 0.0))
@@ -50,7 +51,6 @@ def marked_drive():
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory):
-    # The writer of rosbags keeps the order, the reader sorts by log time where it matters.
     return view_bags.write(tmp_path_factory.mktemp("marks") / "bag", sorted(marked_drive(), key=lambda one: one[1]))
 
 
@@ -66,10 +66,10 @@ def page(bag, new_page, tmp_path_factory):
     return new_page().open(path.as_uri())
 
 
-def test_landmarks_are_placed_by_the_estimate_of_their_own_time_and_shown_while_they_are_measured(run):
+def test_landmarks_are_placed_by_the_estimate_at_their_stamp_and_in_view_while_they_are_measured(run):
     tree, post = run.robots[0].landmarks()
     assert (tree[0], post[0]) == (7, 40)
-    # 7 ms are 3.5 mm of the path; between two estimates the circle is taken as straight.
+    # An estimate that is 7 ms old would be off by 3.5 mm.
     assert tree[1:3] == pytest.approx(TREE, abs=1e-4)
     assert post[1:3] == pytest.approx(POST, abs=1e-4)
     # In view until two periods after the last measurement.
@@ -77,12 +77,12 @@ def test_landmarks_are_placed_by_the_estimate_of_their_own_time_and_shown_while_
     assert post[3] == pytest.approx([0.007, 1.807 + 0.4, 6.007, 9.407 + 0.4], abs=1e-3)
 
 
-def test_the_path_holds_until_the_controller_leaves_it(run):
+def test_the_planned_path_ends_when_the_controller_has_no_waypoint(run):
     plan = run.robots[0].plan
     assert plan["t"].tolist() == pytest.approx([1.0, 1.0, 1.0, 4.0])
     assert np.column_stack((plan["x"], plan["y"]))[:3].tolist() == [list(corner) for corner in CORNERS]
     assert math.isnan(plan["x"][3])
-    assert run.malformed == 3, "clouds and paths that cannot be used"
+    assert run.malformed == 3, "a cloud and a path in other frames, and a point that is not finite"
 
 
 def drawn(page, time, colour):
@@ -92,7 +92,7 @@ def drawn(page, time, colour):
 
 
 @pytest.mark.graph
-def test_the_page_draws_the_path_while_it_holds_and_the_landmarks_in_view(page):
+def test_the_page_draws_the_planned_path_until_its_end_and_fills_landmarks_in_view(page):
     left, top = page.get("diffbotPage.view.toWorld(0, 0)")
     right, bottom = page.get("diffbotPage.view.toWorld(diffbotPage.view.width, diffbotPage.view.height)")
     assert all(left < x < right and bottom < y < top for x, y in (TREE, POST, *CORNERS))
@@ -109,8 +109,8 @@ def test_the_page_draws_the_path_while_it_holds_and_the_landmarks_in_view(page):
     assert page.errors == []
 
 
-class FoundByModel:
-    """A sink that keeps the newest values and all rows."""
+class Sink:
+    """Keeps the newest values and all rows of a model."""
 
     def __init__(self):
         self.values, self.rows = {}, {}
@@ -127,8 +127,8 @@ class FoundByModel:
 
 @pytest.fixture
 def live():
-    """A model without a bag, and what it finds."""
-    kept = FoundByModel()
+    """A model without a bag, and its sink."""
+    kept = Sink()
     return RobotModel(PageClock(BEGIN), kept, roles=["estimate"]), kept
 
 
@@ -136,20 +136,7 @@ def content(message):
     return message[1]
 
 
-def test_a_cloud_waits_for_the_estimate_of_its_time(live):
-    model, kept = live
-    model.add("estimate", content(view_bags.estimate(BEGIN, 0.0, 0.0, 3.0)))
-    cloud = view_bags.cloud(BEGIN + 50_000_000, (4, 1.0, 0.0), (5, 1.0, 2.0, math.inf))
-    model.add("landmarks", content(cloud))
-    assert "landmarks" not in kept.values
-    # The heading passes pi: halfway it is 3.1, not 0.
-    model.add("estimate", content(view_bags.estimate(BEGIN + 100_000_000, 2.0, 0.0, 3.2 - 2.0 * math.pi)))
-    time, found = kept.values["landmarks"]
-    assert time == pytest.approx(0.05)
-    assert found == [pytest.approx([1.0 + math.cos(3.1), math.sin(3.1), 4])]
-
-
-def test_dock_and_detections_are_placed_by_the_estimates_of_their_own_time(live):
+def test_dock_and_detections_are_placed_by_the_estimates_at_their_stamps(live):
     model, kept = live
     dock, first, second = Pose(3.0, 1.0, 0.5), Pose(1.0, 0.0, 0.3), Pose(2.0, 0.5, -0.2)
 
@@ -159,7 +146,7 @@ def test_dock_and_detections_are_placed_by_the_estimates_of_their_own_time(live)
         model.add("detections", message)
 
     model.add("estimate", content(view_bags.estimate(BEGIN, *first)))
-    # Of a time without an estimate in map yet: both wait, and are not placed by the old one.
+    # Without an estimate at their stamp, dock and second detection wait.
     model.add("dock_pose", content(view_bags.estimate(BEGIN + 10**8, *into_frame(second, dock), sigma=0.01)))
     detect(BEGIN, *into_frame(dock, first))
     detect(BEGIN + 10**8, *into_frame(Pose(3.02, 0.97, 0.5), second))
@@ -172,8 +159,8 @@ def test_dock_and_detections_are_placed_by_the_estimates_of_their_own_time(live)
 
 
 @pytest.mark.parametrize("has_truth", [True, False])
-def test_odometry_begins_at_the_truth_where_there_is_one_whichever_comes_first(has_truth):
-    kept = FoundByModel()
+def test_odometry_begins_at_the_truth_or_else_at_the_estimate(has_truth):
+    kept = Sink()
     model = RobotModel(PageClock(BEGIN), kept, roles=["estimate", *(["truth"] if has_truth else [])])
     for step in range(4):
         time = BEGIN + step * 20_000_000

@@ -1,4 +1,4 @@
-"""The report in a real browser: it renders, needs nothing else, moves with the slider, and runs no script of a bag."""
+"""The report in a browser: it draws the curves, loads no other file, and does not run scripts from the bag."""
 
 import itertools
 import math
@@ -29,14 +29,14 @@ def page(new_page, report):
 
 @pytest.fixture(autouse=True)
 def clean(page):
-    """After each test: no error in the console, and nothing asked for but the file itself."""
+    """Check after each test: the console has no error, and only the file itself was requested."""
     yield
     assert page.errors == []
     assert len(page.requests) == 1
     assert page.requests[0].startswith("file://")
 
 
-def test_the_curves_are_those_of_the_bag_and_are_drawn(page):
+def test_the_curves_have_the_values_of_the_bag_and_are_drawn(page):
     assert page.get("diffbotPage.robot.curves.truth.rows") == 500
     for step in (0, 123, 499):
         _, x, y, yaw = view_bags.at(step)
@@ -54,7 +54,7 @@ def test_the_curves_are_those_of_the_bag_and_are_drawn(page):
         page.tab.locator(f"{panel} summary").click()
     assert page.tab.locator(".chart:visible").count() == 14
     page.next_frame()
-    assert page.count(ESTIMATE, ".chart canvas >> nth=4", apart=140) > 100
+    assert page.count(ESTIMATE, ".chart:visible canvas >> nth=4", apart=140) > 100
 
 
 def test_the_slider_moves_the_robot(page):
@@ -73,7 +73,7 @@ def test_the_slider_moves_the_robot(page):
     assert (page.pixels() != before).any()
 
 
-def test_events_lead_to_their_time_and_the_table_says_how_each_goal_ended(page):
+def test_an_event_leads_to_its_time_and_the_tables_show_goals_and_topics(page):
     events = page.tab.locator("#events button").all_inner_texts()
     assert any("goal 2: x 2.00 m, y 0.50 m, 14 deg" in text for text in events)
     goal, box = (page.tab.locator(place) for place in ("#events button", "#filters label"))
@@ -90,9 +90,12 @@ def test_events_lead_to_their_time_and_the_table_says_how_each_goal_ended(page):
     _, x, y, _ = view_bags.at(499)
     assert float(rows[1][4]) == pytest.approx(math.hypot(x - 2.0, y - 0.5), abs=1e-4)
     assert float(rows[0][6]) == pytest.approx(2.5, abs=0.03)
+    topics = [row.locator("td").all_inner_texts() for row in page.tab.locator("#topics tbody tr").all()]
+    (pose,) = [row for row in topics if row[0] == "/pose"]
+    assert pose[2:] == ["500", "50.0", "0.020", "2.0", "2.0"]
 
 
-def test_keys_move_the_map_and_play_and_the_wheel_zooms_about_the_pointer(page):
+def test_keys_move_the_map_the_wheel_zooms_about_the_pointer_and_a_drag_zooms_the_charts(page):
     page.tab.locator("#map").focus()
     page.tab.keyboard.press("0")
     x, scale = page.get("[diffbotPage.view.x, diffbotPage.view.scale]")
@@ -109,8 +112,7 @@ def test_keys_move_the_map_and_play_and_the_wheel_zooms_about_the_pointer(page):
     page.wait(f"diffbotPage.view.scale > {scale}", "the zoom")
     pixel = 1.0 / page.get("diffbotPage.view.scale")
     assert page.get("diffbotPage.view.toWorld(200, 150)") == pytest.approx(before, abs=pixel)
-    # A drag in a chart zooms the time.
-    canvas = page.tab.locator(".chart canvas >> nth=2")
+    canvas = page.tab.locator(".chart:visible canvas >> nth=2")
     canvas.scroll_into_view_if_needed()
     box, axis = canvas.bounding_box(), 62
     page.tab.mouse.move(box["x"] + axis + 0.2 * (box["width"] - axis), box["y"] + 30)
@@ -120,7 +122,7 @@ def test_keys_move_the_map_and_play_and_the_wheel_zooms_about_the_pointer(page):
     assert page.get("diffbotPage.zoom") == pytest.approx([2.0, 6.0], abs=0.1)
 
 
-def test_no_text_of_a_bag_runs_as_a_script_nor_would_markup(page, new_page, report):
+def test_texts_of_a_bag_are_not_markup_and_markup_could_not_run_a_script(page, new_page, report):
     assert page.get("globalThis.broken") is None
     assert page.tab.locator("#events button", has_text="onerror=").count() == 1
     assert page.tab.locator("img").count() == 0
@@ -145,7 +147,7 @@ def test_the_result_comes_first_and_nothing_is_cropped_or_overlaps(new_page, rep
     assert card["y"] + card["height"] <= size[1]
     for panel in ("#filter", "#law"):
         other.tab.locator(f"{panel} summary").click()
-    # Neither outside the window nor in a box that is too narrow; what scrolls, scrolls downwards only.
+    # No element is wider than the window or than its own box.
     cropped = """[...document.querySelectorAll("body *")].filter((one) => one.offsetParent && (
         one.getBoundingClientRect().right > innerWidth + 1 || one.scrollWidth > one.clientWidth + 1 && one.clientWidth
     )).map((one) => one.outerHTML.slice(0, 80))"""
@@ -158,7 +160,7 @@ def test_the_result_comes_first_and_nothing_is_cropped_or_overlaps(new_page, rep
     other.tab.close()
 
 
-def test_runs_are_laid_over_each_other(circle, new_page, tmp_path):
+def test_a_report_of_two_bags_draws_both_and_compares_their_goals(circle, new_page, tmp_path):
     other = view_bags.write(tmp_path / "bag", view_bags.drive(400, error=(0.5, 0.0, 0.0)))
     write_report(circle, tmp_path / "two.html", others=[other])
     both = new_page().open((tmp_path / "two.html").as_uri())

@@ -1,4 +1,4 @@
-"""The result of a run in words: how each goal ended, what the filter was worth, which faults there were."""
+"""Results of a bag in words: ends of goals, consistency of the filter, losses, faults and docking."""
 
 import numpy as np
 import pytest
@@ -34,7 +34,7 @@ def goal(time, x, end="", reason="", source="", ended=np.nan):
     return Goal(time, Pose(x, 0.0, 0.0), end=end, reason=reason, source=source, ended=ended)
 
 
-def test_a_goal_that_was_reached_with_its_figures_at_the_answer():
+def test_figures_of_a_reached_goal_are_taken_at_its_answer():
     curves = drive(2.0)
     curves["truth"]["x"][80:] = 50.0  # a reset of the simulation after the answer
     card = card_of(curves, "reached", "", "request", 6.5)
@@ -60,13 +60,13 @@ def test_an_answer_that_the_truth_contradicts_is_an_error():
         ("replaced", "by a newer goal (goal_pose)", NEUTRAL, "Replaced: by a newer goal (goal_pose) after 4.0 s"),
     ],
 )
-def test_other_ends(end, reason, level, verdict):
+def test_the_verdict_names_end_reason_sender_and_time(end, reason, level, verdict):
     card = card_of(drive(1.5), end, reason, "action", 4.5)
     assert (card["level"], card["verdict"]) == (level, verdict)
     assert (OK, "True error at the answer 65.0 cm, 0.0 deg") in card["lines"]
 
 
-def test_without_an_answer():
+def test_goals_without_an_answer_are_warnings():
     assert card_of(drive(1.5))["verdict"] == "No answer: the recording ends before"
     curves = drive(1.5)
     cards = cards_of(outcomes_of([goal(0.5, 2.0), goal(5.0, 0.0)], curves), curves, TUNED)
@@ -82,7 +82,7 @@ def test_commands_beyond_a_limit_are_an_error():
     assert text.startswith("BEYOND LIMITS: 1.31 of 1.30 m/s")
 
 
-def test_a_consistent_filter_and_an_overconfident_one():
+def test_a_filter_is_trustworthy_if_its_nees_is_rarely_above_the_bound():
     for share, level, word in ((0.95, OK, "trustworthy"), (0.5, ERROR, "overconfident")):
         nees = np.where(np.arange(100) < 100 * share, 3.0, 20.0)
         first, *_ = health_lines({"error": {"nees": nees}}, [], 0, False)
@@ -92,9 +92,9 @@ def test_a_consistent_filter_and_an_overconfident_one():
 
 def test_losses_and_faults_are_named_the_worst_first():
     events = [
-        Event(0.1, "fault", WARNING, "ekf: no fix yet"),  # while it starts
+        Event(0.1, "fault", WARNING, "ekf: no fix yet"),  # while nodes start
         Event(0.5, "goal", OK, "goal 1"),
-        Event(1.0, "fault", WARNING, "ekf: 1 message dropped"),  # likewise
+        Event(1.0, "fault", WARNING, "ekf: 1 message dropped"),  # while nodes start
         Event(3.0, "fault", WARNING, "plant: slow"),
         Event(3.0, "state", ERROR, "controller: stale pose"),
         Event(3.0, "state", ERROR, "controller: goal not reached"),
@@ -105,21 +105,20 @@ def test_losses_and_faults_are_named_the_worst_first():
         (WARNING, "7 messages lost"),
         (ERROR, "faults: controller: stale pose; plant: slow"),
     ]
-    # Nodes that end one after the other miss each other, until which the run was whole.
+    # Nodes that end one after the other report that messages of the others are missing. These are not faults.
     end = [Event(5.0, "state", OK, "controller: inactive"), Event(5.0, "state", ERROR, "ekf: no odometry")]
     assert health_lines({}, [*events, *end], 7, True) == found
     assert health_lines({}, [], 0, False) == [(OK, "no message lost"), (OK, "no fault reported")]
 
 
-def test_a_bag_without_its_end_says_so(tmp_path, circle):
+def test_a_bag_that_was_not_closed_is_reported_as_cut_off(tmp_path):
     killed = view_bags.write(tmp_path / "bag", view_bags.drive(50))
     (killed / "metadata.yaml").unlink()
-    for path, is_told in ((killed, True), (circle, False)):
-        (robot,) = page_data(read_bag(path))["robots"]
-        assert any("cut off" in text for _, text in robot["health"]) is is_told
+    (robot,) = page_data(read_bag(killed))["robots"]
+    assert robot["health"][1] == (WARNING, "recording cut off: the bag was not closed")
 
 
-def test_docking_in_words_until_the_robot_drives_again():
+def test_the_state_line_shows_docking_until_the_robot_drives_again():
     def words(before, message, **values):
         return docking_words(Status(0, "dock_controller", message, values), before)
 

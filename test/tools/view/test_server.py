@@ -1,4 +1,4 @@
-"""The page's server: who may connect, what may be asked, and that a browser that does not read holds nobody up."""
+"""The server of the page: which connections and requests it accepts, and that slow browsers do not delay others."""
 
 import http.client
 import json
@@ -14,8 +14,8 @@ from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.geometry import Pose
 from diffbot_tools.view.columns import COLUMNS
 from diffbot_tools.view.events import Event
-from diffbot_tools.view.intake import Request, read_request
 from diffbot_tools.view.live_state import LiveState
+from diffbot_tools.view.requests import Request, read_request
 from diffbot_tools.view.server import MAX_BAD, Address, PageServer
 
 PATIENCE = graph.PATIENCE
@@ -87,20 +87,19 @@ def test_the_page_needs_its_token(server):
     assert get(server, f"/etc/passwd?token={server.token}")[0].status == 404
 
 
-def test_only_numbers_and_localhost_are_names_of_the_server(server):
-    """A page of a foreign name may have been rebound to this machine."""
+def test_a_host_name_that_could_be_rebound_is_refused(server):
     for host, status in ((f"evil.example:{server.port}", 403), (f"localhost:{server.port}", 200)):
         assert get(server, f"/?token={server.token}", Host=host)[0].status == status
 
 
-def test_a_foreign_page_or_one_without_the_token_cannot_connect(server):
+def test_a_foreign_page_or_a_page_without_the_token_cannot_connect(server):
     for options in ({"token": "guess"}, {"origin": "http://evil.example"}, {"origin": "null"}):
         with pytest.raises(InvalidStatus) as error:
             browse(server, **options)
         assert error.value.response.status_code == 403, options
 
 
-def test_a_browser_gets_the_state_and_its_changes(server, state):
+def test_a_browser_receives_the_state_and_its_changes(server, state):
     state.put_row("robot", "estimate", (1.0, 2.0, 3.0, math.nan, *[0.1] * 4))
     state.add_events("robot", [Event(1.0, "goal", 0, "first")])
     with browse(server) as browser:
@@ -116,14 +115,14 @@ def test_a_browser_gets_the_state_and_its_changes(server, state):
         assert receive(browser, "events")["events"] == [[2.0, "end", 0, "second"]]
 
 
-def test_a_good_request_is_handed_on_and_answered(server, requests):
+def test_a_valid_request_is_passed_on_and_answered(server, requests):
     with browse(server) as browser:
         browser.send(GOAL % (1, -2.5, 0.5))
         assert receive(browser, "answer") == {"type": "answer", "text": "done", "level": 0}
     assert requests == [Request("goal", "robot", Pose(1.0, -2.5, 0.5))]
 
 
-def test_garbage_is_refused_and_at_last_disconnected(server, requests):
+def test_a_browser_that_sends_many_bad_requests_is_disconnected(server, requests):
     with browse(server) as browser:
         browser.send("garbage")
         assert "must be a JSON object" in receive(browser, "answer")["text"]
@@ -139,12 +138,12 @@ def test_garbage_is_refused_and_at_last_disconnected(server, requests):
     graph.wait_for(lambda: server.browsers == 0, what="the end of the connections")
 
 
-def test_a_browser_that_does_not_read_holds_nobody_up_and_then_gets_the_newest(server, state):
+def test_a_browser_that_does_not_read_delays_no_other_and_skips_old_states(server, state):
     small = socket.create_connection(("127.0.0.1", server.port))
     small.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2**16)
 
     def newest(browser):
-        """Read until the last state has come; return how many messages that took."""
+        """Read until the last state; return the number of messages."""
         count = 1
         while not receive(browser, "state")["robots"]["robot"]["status"]["text"].startswith("2999 "):
             count += 1
@@ -156,10 +155,10 @@ def test_a_browser_that_does_not_read_holds_nobody_up_and_then_gets_the_newest(s
             if number % 100 == 0:
                 receive(quick, "state")
         assert newest(quick) > 0
-        assert newest(slow) < 1000, "not one for each change"
+        assert newest(slow) < 1000, "the states between were skipped"
 
 
-def test_a_port_in_use_is_one_line(server, state):
+def test_a_port_in_use_is_reported_in_one_line(server, state):
     second = PageServer(state, {}, lambda *_: None, [].append, Address(port=server.port))
     with pytest.raises(DiffbotError, match=f"cannot listen on 127.0.0.1 port {server.port}") as error:
         second.start()

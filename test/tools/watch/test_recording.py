@@ -1,4 +1,4 @@
-"""The record button's recorder: what is answered is what is on the disk, and a recorder that fails is reported."""
+"""The record button: its answers agree with the files, and a recorder that fails is reported."""
 
 import queue
 import sys
@@ -16,7 +16,7 @@ def make():
     bag.mkdir()
     (bag / "bag_0.mcap").touch()
 """
-"""The beginning of a program in the place of the recorder."""
+"""First lines of a program that replaces the recorder."""
 
 
 @pytest.fixture
@@ -50,7 +50,7 @@ def button(folder):
 
 
 @pytest.mark.graph
-def test_on_and_off_at_once_leaves_a_whole_bag_whatever_the_name_of_its_folder(button, folder):
+def test_on_and_off_at_once_writes_a_complete_bag_into_a_folder_of_any_name(button, folder):
     on_off = button()
     on_off.press(True)
     on_off.press(False)
@@ -88,7 +88,7 @@ def test_a_recorder_that_cannot_start_is_reported_with_its_error(button):
     assert broken.answer() == (text, 2)
 
 
-def test_only_a_whole_bag_counts_as_recorded(button, folder):
+def test_a_bag_that_the_recorder_did_not_close_is_not_complete(button, folder):
     one = button("signal.signal(signal.SIGINT, lambda *_: sys.exit(0)); make()\nwhile True: time.sleep(600)")
     one.press(True)
     one.answer()

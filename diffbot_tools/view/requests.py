@@ -1,4 +1,4 @@
-"""Requests of a browser, and the check of its messages."""
+"""Reads and checks the requests of browsers."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import MAX_COORDINATE, Pose, wrap_angle
 
 MAX_MESSAGE = 4096
-"""[bytes] of a request"""
+"""[bytes] Largest request."""
 POSES = ("goal", "initialpose")
 SWITCHES = ("pause", "record")
 ACTIONS = ("cancel", "reset", "dock", "undock")
@@ -25,16 +25,16 @@ class Request(NamedTuple):
     """one of POSES, SWITCHES and ACTIONS"""
     robot: str
     pose: Pose | None = None
-    """for POSES"""
+    """of a request in POSES"""
     is_on: bool = False
-    """for SWITCHES"""
+    """of a request in SWITCHES"""
 
 
 def read_request(text: str | bytes, robots: Collection[str]) -> Request:
-    """Return the request that a message of a browser contains.
+    """Return the request in a message of a browser.
 
     Raises:
-        InvalidValueError: if it contains none; the error names the field, its value and the allowed values.
+        InvalidValueError: if the message is not valid. The error names the field, its value and the allowed values.
     """
     try:
         content = json.loads(text) if isinstance(text, str) else None
@@ -60,7 +60,7 @@ def read_request(text: str | bytes, robots: Collection[str]) -> Request:
 
 def _number(content: dict[str, Any], name: str, limit: float) -> float:
     value = content.get(name)
-    # Compared, not converted: a whole number can be too large for a float.
+    # An integer from JSON can be too large for a float, so it is compared before it is converted.
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not -limit <= value <= limit:
         raise InvalidValueError(name, _shown(value), f"a number from {-limit:g} to {limit:g}")
     return float(value)
