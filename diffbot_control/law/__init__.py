@@ -1,4 +1,4 @@
-"""The control laws, their regions, limits and goal checker as pure functions of floats.
+"""The control laws, their regions, limits and goal checker, as pure functions of floats.
 
 One step of this project's law, with its memory as argument and result::
 
@@ -9,7 +9,7 @@ One step of this project's law, with its memory as argument and result::
     observation = Observation(estimate, 0.1, 0.1, CONTACT_UNKNOWN)
     memory, command, report = step(new_memory(), observation, goal, SwitchingConfig())
 
-:mod:`diffbot_control.goals` adds goals, paths and timeouts. Nothing here needs more than ``math``.
+:mod:`diffbot_control.goals` adds goals, paths and timeouts. The laws compute with ``math`` alone.
 """
 
 from diffbot_control.law.configuration import PaperConfig, PaperGains, SwitchingConfig

@@ -104,7 +104,8 @@ def test_cancelling_brakes_within_the_limits_and_ends_at_rest(driven, action_pee
     answer = to_pose.cancel(handle)
     assert [bytes(info.goal_id.uuid) for info in answer.goals_canceling] == [bytes(handle.goal_id.uuid)]
     status, result = to_pose.result(handle)
-    assert (status, result.error_msg) == (GoalStatus.STATUS_CANCELED, "cancelled")
+    reason = "cancelled: by a client of the action navigate_to_pose"
+    assert (status, result.error_msg) == (GoalStatus.STATUS_CANCELED, reason)
     driven.peer.spin_until(lambda: twist(driven.commands[-1]) == (0.0, 0.0), what="rest")
     speeds = [twist(command)[0] for command in driven.commands[before - 1 :]]
     # Steps of 0.1 s; the margin is for the rounding of stamps.

@@ -126,14 +126,14 @@ def raising(_memory):
 
 
 FAILURES = {
-    "nan": (lambda memory: (memory, Twist(math.nan, 0.0), GOOD_REPORT), "v = nan m/s, omega = 0.0 rad/s: must be fin"),
+    "nan": (
+        lambda memory: (memory, Twist(math.nan, 0.0), GOOD_REPORT),
+        "its command is not finite: v = nan m/s, omega",
+    ),
     "raises": (raising, "ValueError: two lines (test_law_guard.py:"),
     "no command": (lambda memory: (memory, None, GOOD_REPORT), "TypeError: "),
-    "short report": (
-        lambda memory: (memory, Twist(0.0, 0.0), (1.0,)),
-        "'reached' or the report is not as the class Law",
-    ),
-    "odd reached": (lambda memory: (Memory("yes"), Twist(0.0, 0.0), GOOD_REPORT), "'reached' or the report is not as"),
+    "short report": (lambda memory: (memory, Twist(0.0, 0.0), (1.0,)), "its report has 1 of 7 variables"),
+    "odd reached": (lambda memory: (Memory("yes"), Twist(0.0, 0.0), GOOD_REPORT), "memory.reached is 'yes': must be"),
 }
 
 

@@ -35,14 +35,14 @@ def test_what_is_no_place_names_the_registered_laws(text):
 @pytest.mark.parametrize(
     ("old", "new", "reason"),
     [
-        ('name = "mine"', 'name = ""', "a text 'name'"),
-        ("Config = Config", "Config = dict", "a NamedTuple type 'Config'"),
+        ('name = "mine"', 'name = ""', "whose name is a text"),
+        ("Config = Config", "Config = dict", "whose Config is a NamedTuple type"),
         ("class Law(laws.Law)", "class Law", "a class derived from diffbot_control.law.Law"),
         ("lambda config: Memory()", "lambda: Memory()", "takes 0 positional arguments but 1 was given"),
         ("data_sheet: DataSheet = DataSheet()", "data_sheet: int = 1", "data_sheet(config) is a DataSheet"),
         ("tolerance: laws.GoalTolerance = laws.GoalTolerance()", "other: int = 1", "AttributeError"),
         ("lambda config: Memory()", "lambda config: config.missing", "AttributeError"),
-        ("reached: bool", "arrived: bool", "a field 'reached'"),
+        ("reached: bool", "arrived: bool", "whose memory has the field reached"),
         ("from typing", "from typing (", "SyntaxError"),
     ],
 )

@@ -123,7 +123,7 @@ def test_a_robot_found_far_from_a_held_goal_never_drives_back():
     assert story.state == DRIVING
     assert story.pose(Pose(-0.31, 0.0, 0.0)) == ZERO
     assert (story.state, story.supervisor.goal) == (IDLE, None)
-    assert story.supervisor.reason == "found 0.31 m from the held goal: hold_distance = 0.3 m"
+    assert story.supervisor.reason == "the robot was found 0.31 m from the held goal: hold_distance = 0.3 m"
     # Found after an hour without poses, with no timeout for them either.
     story = held(pose_lost_timeout=0.0)
     story.tick(3600.0)
@@ -156,6 +156,24 @@ def test_cancelling_stops_at_once_says_so_five_times_and_is_silent():
     story.supervisor.on_goal(GOAL)
     reach(story)
     assert progress(story) == (0, 0, GOAL)
+
+
+@pytest.mark.parametrize("event", ["at rest", "newer goal", "no pose", "fault", "stop"])
+def test_a_cancelled_goal_ends_with_who_cancelled_it_whatever_follows(event):
+    story = driving(controller=SLOW_DOWN)
+    for _ in range(5):
+        story.pose()
+    assert story.supervisor.on_cancel("by the operator") != ZERO
+    assert story.supervisor.goals.present.is_cancelling
+    if event == "at rest":
+        for _ in range(5):
+            story.pose()
+    elif event == "no pose":
+        story.tick(1.0)
+    else:
+        supervisor = story.supervisor
+        {"newer goal": supervisor.on_goal, "fault": supervisor.on_fault, "stop": supervisor.on_stop}[event](GOAL)
+    assert story.supervisor.goals.ended[-1].text == "cancelled: by the operator"
 
 
 @pytest.mark.parametrize("uncertainty", [UNSURE, Uncertainty(0.01, 0.06)])
@@ -452,7 +470,7 @@ def test_a_blocked_robot_ends_with_no_progress_and_a_slow_one_drives_on():
 def test_an_estimate_too_uncertain_for_an_answer_is_the_answer_after_a_minute_with_the_tolerance_it_allows():
     story = driving(controller=QUICK, goal_timeout=0.0)
     assert seconds_until_given_up(story, lambda _: AT_GOAL, UNSURE) == pytest.approx(60.0, abs=1.0)
-    smallest = "smallest possible tolerance 0.91 m and 0.0258 rad"
+    smallest = "the smallest possible tolerances are 0.91 m and 0.0258 rad"
     assert story.supervisor.reason == f"the estimate is too uncertain: {smallest}"
     # With half the uncertainty it is reached.
     story = driving(controller=QUICK, uncertainty_scale=0.4)

@@ -103,7 +103,7 @@ def test_the_error_at_contact_is_predicted_whatever_the_speed(v, x):
 
     contact.terminal = True
     found = solve_ivp(rates, (0.0, 2.0 * abs(x) / v), start, events=contact, max_step=2e-3 / v, rtol=1e-9, atol=1e-12)
-    assert docking.arrival(start, CONFIG) == pytest.approx(found.y[1:, -1], rel=5e-3, abs=2e-7)
+    assert docking.contact_error(start, CONFIG) == pytest.approx(found.y[1:, -1], rel=5e-3, abs=2e-7)
     assert found.y[0, -1] == pytest.approx(0.0, abs=1e-9)
 
 
@@ -246,7 +246,10 @@ def test_another_goal_fails_with_the_reason_at_once(goal):
     run = Run(goal=goal).drive(ORIGIN)
     assert run.phases == [FAILED]
     assert run.commands == [(0.0, 0.0)]
-    assert Docking.reason_to_give_up(run.memory, CONFIG) == "not at the dock nor on the axis before it"
+    assert (
+        Docking.reason_to_give_up(run.memory, CONFIG)
+        == "the goal is neither the docked pose nor on the axis before the dock"
+    )
 
 
 @pytest.mark.parametrize(("latency", "lag"), [(0.2, 0.0), (0.15, 0.1)])

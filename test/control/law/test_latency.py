@@ -82,13 +82,13 @@ def test_the_memory_always_covers_the_dead_time(latency, spans):
     actuation = resting_actuation()
     for span in spans:
         actuation = coast(Pose(0.0, 0.0, 0.0), actuation, Twist(1.0, 0.0), span, sheet).actuation
-        assert len(actuation.under_way) == SLOTS
-    total = sum(held.span for held in actuation.under_way)
+        assert len(actuation.history) == SLOTS
+    total = sum(held.span for held in actuation.history)
     assert total >= min(latency, sum(spans)) - 1e-9
     found = coast(Pose(0.0, 0.0, 0.0), actuation, Twist(1.0, 0.0), 0.0, sheet)
     # Before the first command it stood.
     assert found.pose.x == pytest.approx(min(latency, sum(spans)), abs=1e-9)
-    assert (found.way, found.turn) == pytest.approx((min(latency, sum(spans)), 0.0), abs=1e-9)
+    assert (found.path_length, found.turned) == pytest.approx((min(latency, sum(spans)), 0.0), abs=1e-9)
 
 
 def test_the_uncertainty_grows_as_sampled_motions_scatter():

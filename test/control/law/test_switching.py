@@ -115,11 +115,13 @@ def test_an_estimate_that_keeps_changing_ends_the_goal_after_so_many_departures(
     for number in range(2 * MAX_DEPARTURES):
         assert not SwitchingLaw.reason_to_give_up(memory, TUNED)
         memory, _, _ = step(memory, seen(poses[number % 2], Uncertainty(0.01, 0.01)), ORIGIN, TUNED)
-    assert SwitchingLaw.reason_to_give_up(memory, TUNED).startswith(f"left the goal's neighbourhood {MAX_DEPARTURES}")
+    assert SwitchingLaw.reason_to_give_up(memory, TUNED).startswith(
+        f"the robot left the neighbourhood of the goal {MAX_DEPARTURES} times"
+    )
 
 
 def test_a_new_goal_forgets_all_but_the_motion():
-    motion = Twist(0.7, -0.3), Actuation(Twist(0.5, -0.2), resting_actuation().under_way)
+    motion = Twist(0.7, -0.3), Actuation(Twist(0.5, -0.2), resting_actuation().history)
     memory = SwitchingMemory(
         Switching(OMEGA_L, 4, 0.3), motion[0], Settling(9, True), Course(BACK, True), motion[1], True
     )
@@ -133,7 +135,7 @@ def test_commands_that_were_sent_instead_are_remembered_over_the_dead_time():
     for command in (Twist(0.5, 0.1), Twist(0.2, 0.0), Twist(0.0, 0.0)):
         memory = SwitchingLaw.after_command(memory, command, 0.1, config)
     assert memory.command == (0.0, 0.0)
-    assert [held[:2] for held in memory.actuation.under_way[-2:]] == [(0.5, 0.1), (0.2, 0.0)]
+    assert [held[:2] for held in memory.actuation.history[-2:]] == [(0.5, 0.1), (0.2, 0.0)]
     # It replaces the command of the step: no time has passed.
     assert SwitchingLaw.after_command(memory, Twist(0.1, 0.0), 0.0, config).actuation == memory.actuation
 

@@ -79,8 +79,8 @@ def test_fields_without_a_spec_are_no_parameters_and_keep_their_defaults():
     ("config", "reason"),
     [
         (Clash, r"a law with usable parameters \(TypeError: .*used twice: \['hold_goal'\]\)"),
-        (Simulated, "a law without a parameter use_sim_time, which every node has"),
-        (Complex, "a law with numbers, booleans and texts as parameters, not gain"),
+        (Simulated, "a law without a parameter use_sim_time, because every node has one"),
+        (Complex, "a law whose parameters are numbers, booleans or texts; gain is not"),
     ],
 )
 def test_a_law_whose_parameters_the_node_cannot_have_is_refused(config, reason):
