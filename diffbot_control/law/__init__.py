@@ -3,7 +3,7 @@
 One step of this project's law, with its memory as argument and result::
 
     from diffbot_control.law import CONTACT_UNKNOWN, Observation, SwitchingConfig, new_memory, step
-    from diffbot_core import Estimate, Uncertainty
+    from diffbot_core.uncertainty import Estimate, Uncertainty
 
     estimate = Estimate(pose, Uncertainty(0.02, 0.01))
     observation = Observation(estimate, 0.1, 0.1, CONTACT_UNKNOWN)

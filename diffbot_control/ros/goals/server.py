@@ -187,7 +187,7 @@ class GoalServer:
             supervisor.on_path(followed, request)
             text = f"path of {len(goals)} goals"
             if followed is not goals:
-                text += "; its orientations are equal and contradict its direction, so the direction replaces them"
+                text += ": its orientations are equal and contradict its direction, so the direction replaces them"
         else:
             supervisor.on_goal(goals[0], request)
             text = "goal: x {:.3f} m, y {:.3f} m, heading {:.3f} rad".format(*goals[0])

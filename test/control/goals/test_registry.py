@@ -1,4 +1,4 @@
-"""Laws by name and by place; what is refused, and why."""
+"""Laws by name and by ``package.module:Class``, and the reasons of refusals."""
 
 import pytest
 
@@ -27,7 +27,7 @@ class Law(laws.Law):
 
 
 @pytest.mark.parametrize("text", ["", "a.b:", ":Law"])
-def test_what_is_no_place_names_the_registered_laws(text):
+def test_a_name_that_is_not_registered_is_refused_with_the_registered_laws(text):
     with pytest.raises(InvalidValueError, match=r"Class or one of docking, .*switching$"):
         resolve_law(text)
 
@@ -49,7 +49,7 @@ def test_what_is_no_place_names_the_registered_laws(text):
 def test_a_law_that_lacks_something_is_refused_in_one_line(old, new, reason, tmp_path, monkeypatch):
     assert old in GOOD
     monkeypatch.syspath_prepend(tmp_path)
-    # A name of its own: modules that were imported once are not read again.
+    # A unique name, because Python does not read a module again after it was imported.
     (tmp_path / f"{tmp_path.name}.py").write_text(GOOD.replace(old, new))
     with pytest.raises(InvalidValueError, match=rf"^law = '{tmp_path.name}:Law': must be ") as refused:
         resolve_law(f"{tmp_path.name}:Law")

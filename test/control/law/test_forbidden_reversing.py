@@ -56,7 +56,7 @@ class Driven:
         for _ in range(steps):
             if self.advance().v < -0.02 and condition(self.memory):
                 return self
-        raise AssertionError("the robot has not come into this state")
+        raise AssertionError("the robot did not reach this state")
 
     def check_forbidden(self, steps=600, done=lambda memory: memory.reached, arrives=True):
         """Forbid reversing; check each command against the one before, and that the robot ``arrives``."""
@@ -75,17 +75,13 @@ class Driven:
 
 
 @pytest.mark.parametrize("sheet", [{}, LAGGING])
-@pytest.mark.parametrize("start", [(6.0, 0.0, 0.0), (4.0, 2.0, 1.0), (3.0, -3.0, -1.2)])
-def test_far_from_the_goal(start, sheet):
-    run = Driven(limited(**sheet), start).until(lambda memory: memory.command.v < -0.9)
-    assert run.memory.switching.region == OMEGA_G
-    run.check_forbidden()
-
-
-@pytest.mark.parametrize("sheet", [{}, LAGGING])
-def test_near_the_goal(sheet):
-    run = Driven(limited(**sheet), (2.0, 0.1, 0.0))
-    run.until(lambda memory: memory.switching.region == OMEGA_L)
+@pytest.mark.parametrize(
+    ("start", "region", "speed"),
+    [((6.0, 0.0, 0.0), OMEGA_G, 0.9), ((4.0, 2.0, 1.0), OMEGA_G, 0.9), ((2.0, 0.1, 0.0), OMEGA_L, 0.02)],
+)
+def test_in_both_regions(start, region, speed, sheet):
+    run = Driven(limited(**sheet), start)
+    run.until(lambda memory: memory.switching.region == region and memory.command.v < -speed)
     run.check_forbidden()
 
 
@@ -103,10 +99,9 @@ def test_on_another_approach_after_a_rest():
     run.check_forbidden()
 
 
-@pytest.mark.parametrize("goal", [Pose(8.0, 1.0, 0.0), Pose(-4.0, 0.0, 0.0), Pose(0.5, 1.0, 2.0)])
+@pytest.mark.parametrize("goal", [Pose(8.0, 1.0, 0.0), Pose(0.5, 1.0, 2.0)])
 def test_with_a_new_goal(goal):
     run = Driven(limited(), (6.0, 0.0, 0.0)).until(lambda memory: memory.command.v < -1.0)
-    # As the supervisor begins a goal: the motion is all that stays.
     run.memory = SwitchingLaw.memory_for_new_goal(run.memory, run.config)
     run.goal = goal
     run.check_forbidden()
@@ -127,7 +122,7 @@ def test_with_the_papers_law():
 
 @pytest.mark.parametrize(("sheet", "states"), [({}, 60), (LAGGING, 10)])
 def test_in_any_state_of_the_law(sheet, states):
-    """States that the drives of the other tests do not come to are among them."""
+    """Random states include some that the drives of the other tests do not reach."""
     number = random.Random(7)
     for _ in range(states):
         memory = new_memory()._replace(
@@ -160,7 +155,7 @@ def test_on_the_way_to_the_dock():
     assert STAGING in phases
 
 
-def test_a_robot_backs_out_of_its_dock_all_the_same():
+def test_a_robot_still_leaves_its_dock_backwards():
     run = docking((0.0, 0.0, 0.0), goal=Pose(-0.7, 0.0, 0.0))
     run.config = forward(run.config)
     run.until(lambda memory: memory.stage.phase == UNDOCKING)
