@@ -306,9 +306,7 @@ class Docking(StagingLaw):
     @staticmethod
     def after_command(memory: Any, command: Twist, dt: float, config: Any) -> DockingMemory:
         """Update the motion."""
-        sheet, actuation = config.drive.data_sheet, memory.actuation
-        if dt > 0.0 and not is_immediate(sheet):
-            actuation = after_a_period(actuation, memory.command, dt, sheet)
+        actuation = after_a_period(memory.actuation, memory.command, dt, config.drive.data_sheet)
         after: DockingMemory = memory._replace(command=command, actuation=actuation)
         return after
 

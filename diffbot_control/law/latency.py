@@ -143,7 +143,9 @@ def _command_at(history: CommandHistory, age: float) -> tuple[int, float, float]
 
 
 def after_a_period(actuation: Actuation, command: Twist, dt: float, data_sheet: DataSheet) -> Actuation:
-    """Return the actuation one period later, for a robot that brakes without its law; see :func:`coast`."""
+    """Return the actuation ``dt`` [s] later, for a robot that brakes without its law; see :func:`coast`."""
+    if dt <= 0.0 or is_immediate(data_sheet):
+        return actuation
     return coast(Pose(0.0, 0.0, 0.0), actuation, command, dt, data_sheet).actuation
 
 

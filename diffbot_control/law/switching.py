@@ -178,9 +178,7 @@ class SwitchingLaw(Law):
     @staticmethod
     def after_command(memory: Any, command: Twist, dt: float, config: Any) -> SwitchingMemory:
         """Update the motion, and restart the count of consecutive poses within the tolerances."""
-        actuation = memory.actuation
-        if dt > 0.0 and not is_immediate(config.data_sheet):
-            actuation = after_a_period(actuation, memory.command, dt, config.data_sheet)
+        actuation = after_a_period(memory.actuation, memory.command, dt, config.data_sheet)
         after: SwitchingMemory = memory._replace(command=command, actuation=actuation)
         return after._replace(settling=after.settling._replace(steps_within=0))
 

@@ -74,7 +74,7 @@ def test_a_path_is_followed_with_the_feedback_and_the_error_codes_of_nav2(driven
     assert 0.0 < max(one.speed for one in feedback) <= 1.3
     log = driven.processes["controller"].output
     assert "path of 21 goals: its orientations are equal and contradict its direction" in log
-    assert "controller_id and the ids of checkers are ignored" in log
+    assert "controller_id and goal_checker_id are ignored" in log
     assert not follow.send(path=Path(header=path.header)).accepted, "an empty path"
     far = Path(header=path.header, poses=[*down, pose_stamped(*FAR)])
     replaced, newer = follow.send(path=far), follow.send(path=far)

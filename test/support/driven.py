@@ -49,7 +49,7 @@ class Robot:
 
 
 class Run:
-    """A run of the law ``switching`` to the origin without noise: poses, commands, memories and reports of all steps."""
+    """A run of the law ``switching`` to the origin, without noise; records poses, commands, memories and reports."""
 
     def __init__(self, start, config, steps=300, latency=0.0, lag=0.0, *, uncertainty=CERTAIN, memory=None, period=T_S):
         """Drive for a number of steps; all estimates have the same uncertainty."""

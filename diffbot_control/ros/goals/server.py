@@ -288,23 +288,18 @@ class GoalServer:
             for listener in self.on_end:
                 listener(record)
 
-    def feedback(self) -> GoalFeedback | None:
-        """Return the progress towards the present goal; None without a goal or before the first pose."""
+    def _publish_feedback(self) -> None:
+        """Publish the progress towards the present goal, if there is a goal and a pose."""
         supervisor = self._node.supervisor
         present = supervisor.goals.present
         if present is None or supervisor.pose is None:
-            return None
+            return
         distance, elapsed = supervisor.distance_remaining(), supervisor.elapsed
         self._first_distance = max(self._first_distance, distance)
         remaining = time_remaining(distance, self._first_distance, elapsed, supervisor.data_sheet.v_max)
         state = states.CANCELLING if present.is_cancelling else states.DRIVING
         ahead = len(supervisor.goals_ahead)
-        return GoalFeedback(present.request.id, state, supervisor.pose, distance, elapsed, remaining, ahead)
-
-    def _publish_feedback(self) -> None:
-        feedback = self.feedback()
-        if feedback is None:
-            return
+        feedback = GoalFeedback(present.request.id, state, supervisor.pose, distance, elapsed, remaining, ahead)
         self._node.outputs.publish_feedback(feedback)
         for listener in self.on_feedback:
             listener(feedback)
