@@ -70,9 +70,7 @@ class SupervisorConfig(NamedTuple):
     goal_update_distance: Annotated[
         float, Spec("largest distance of a goal_update from the present goal; a farther one is dropped", "m", *DISTANCE)
     ] = 0.5
-    publish_when_idle: Annotated[
-        bool, Spec("answer every pose; without a goal, with zero (required for lock-step)")
-    ] = False
+    publish_when_idle: Annotated[bool, Spec("answer every pose, with zero without a goal (lock-step needs it)")] = False
 
 
 class Supervisor:
@@ -218,11 +216,7 @@ class Supervisor:
         self.updates += 1
 
     def on_cancel(self, reason: str = "") -> Twist | None:
-        """Cancel the goal, if there is one, and start to brake at once, without waiting for a pose.
-
-        Args:
-            reason: who cancels the goal, for its record.
-        """
+        """Cancel the goal, if there is one, and start to brake without waiting for a pose; ``reason`` says by whom."""
         if self.state not in WITH_GOAL:
             return None
         self.waypoint = self.waypoints = 0

@@ -53,7 +53,7 @@ class DockingConfig(NamedTuple):
     contact_speed: Annotated[float, Spec("speed at contact", "m/s", *SPEED)] = 0.08
     press_distance: Annotated[
         float,
-        Spec("largest distance beyond the docked pose to which the robot drives for contact", "m", 0.0, 1.0),
+        Spec("largest distance that the robot drives beyond the docked pose to find contact", "m", 0.0, 1.0),
     ] = 0.03
     dock_xy_tolerance: Annotated[
         float, Spec("largest lateral error at contact, with 2.6 standard deviations added", "m", *LENGTH)

@@ -40,7 +40,7 @@ class ControllerNodeConfig(NamedTuple):
 
     law: Annotated[
         str,
-        Spec("law: a registered name, or package.module:Class; default: the law of preset", read_only=True),
+        Spec("registered name of the law, or package.module:Class; default: the law of preset", read_only=True),
     ] = SwitchingLaw.name
     preset: Annotated[
         str, Spec("set of defaults for the other parameters, with its law", choices=tuple(PRESETS), read_only=True)
@@ -63,7 +63,7 @@ class ControllerNodeConfig(NamedTuple):
     transform_tolerance: Annotated[
         float,
         Spec(
-            "largest age of the newest transform, before the stamp of a goal in another frame",
+            "how much older than the stamp of a goal in another frame the newest transform may be",
             "s",
             minimum=0.0,
             maximum=60.0,
