@@ -35,11 +35,11 @@ PAPER = PRESETS["paper"].config
 QUICK = PAPER._replace(tolerance=PAPER.tolerance._replace(settling_steps=2))
 SLOW_DOWN = PAPER._replace(data_sheet=PAPER_DATA_SHEET._replace(a_max=1.0))
 UNSURE = Uncertainty(0.3, 0.01)
-"""Twice that does not fit into the 0.4 m of the paper's preset."""
+"""Too uncertain for the tolerance of 0.4 m of the paper's preset."""
 
 
 class Story:
-    """A supervisor with a clock; poses are stamped with it."""
+    """A supervisor with a clock that stamps the poses."""
 
     def __init__(self, **options):
         config = SupervisorConfig(**options)
@@ -294,7 +294,7 @@ def test_a_path_is_driven_goal_by_goal_and_the_last_is_held():
         assert (story.state, progress(story)) == (STALE, (number, 3, goal)), "silence keeps the path"
         for _ in range(2):
             story.pose(goal)
-        # Reached: the next one is due from the next pose on, but the last stays.
+        # The next goal begins with the next pose; the last goal is held.
         assert story.supervisor.goals_reached == number
         assert progress(story) == (min(number + 1, 3), 3, ROUTE[min(number, 2)])
         assert story.state == (DRIVING if number < 3 else REACHED)
@@ -364,7 +364,7 @@ def test_a_goal_that_takes_too_long_is_given_up_with_the_reason_and_braking():
     assert story.state == NOT_AT_GOAL
     assert story.supervisor.reason == "not reached within goal_timeout = 2 s"
     assert story.supervisor.goal is None
-    # It comes to rest within its limits, and then is silent.
+    # The robot brakes within its limits.
     speeds = [story.pose(FAR).v for _ in range(15)]
     assert last.v == pytest.approx(1.2)
     assert speeds == pytest.approx([max(1.2 - 0.1 * step, 0.0) for step in range(1, 13)] + [0.0] * 3, abs=1e-12)
@@ -397,7 +397,7 @@ def test_a_goal_has_a_finite_time_from_its_acceptance_on_that_grows_with_the_rou
     # 130 m more at 1.3 m/s, four times.
     assert far.supervisor.timeout - near.supervisor.timeout == pytest.approx(400.0)
     assert 120.0 + 4.0 / 1.3 < near.supervisor.timeout < 150.0
-    # Without a pose the way to the first goal is added when it comes.
+    # The distance to the first goal is added with the first pose.
     blind.supervisor.on_goal(Pose(131.0, 0.0, 0.0))
     assert 120.0 <= blind.supervisor.timeout <= near.supervisor.timeout
     blind.pose(Pose(0.0, 0.0, 0.0))
@@ -450,7 +450,7 @@ def test_a_blocked_robot_ends_with_no_progress_and_a_slow_one_drives_on():
     assert story.supervisor.reason.startswith("no progress for 3")
     story = Story()
     story.supervisor.on_goal(Pose(10.0, 0.0, 0.0))
-    # 5 cm in 10 s, from 10 m on: the derived time ends it, not the watch.
+    # 0.02 m/s over 10 m is progress, so only the derived timeout ends the goal.
     timeout = story.supervisor.timeout
     seconds_until_given_up(story, lambda t: Pose(0.02 * t, 0.0, 0.0))
     assert story.supervisor.reason.startswith("not reached within goal_timeout")
@@ -469,34 +469,22 @@ def test_a_goal_that_is_too_narrow_for_the_estimate_ends_after_a_minute_with_the
     assert story.state == REACHED
 
 
-class Standing(PaperLaw):
-    """A law that stands beside the goal, which it could know."""
-
-    @staticmethod
-    def step(memory, observation, goal, config):
-        after, _, report = PaperLaw.step(memory, observation, goal, config)
-        return after._replace(reached=False), Twist(0.0, 0.0), report
-
-
-class Circling(PaperLaw):
-    """A law that never comes to rest."""
-
-    @staticmethod
-    def step(memory, observation, goal, config):
-        after, _, report = PaperLaw.step(memory, observation, goal, config)
-        return after._replace(reached=False), Twist(0.2, 2.0), report
-
-
 @pytest.mark.parametrize(
-    ("law", "seconds", "reason"),
+    ("command", "seconds", "reason"),
     [
-        (Standing, 60.0, "at rest for 60 s without being within the tolerances, 0.01 m to go"),
-        (Circling, 120.0, "no progress for 120 s, 0.01 m to go"),
+        (Twist(0.0, 0.0), 60.0, "at rest for 60 s without being within the tolerances, 0.01 m to go"),
+        (Twist(0.2, 2.0), 120.0, "no progress for 120 s, 0.01 m to go"),
     ],
 )
-def test_a_law_that_never_reaches_a_near_goal_is_given_up_even_without_a_timeout(law, seconds, reason):
+def test_a_law_that_never_reaches_a_near_goal_is_given_up_even_without_a_timeout(command, seconds, reason):
+    class Never(PaperLaw):
+        @staticmethod
+        def step(memory, observation, goal, config):
+            after, _, report = PaperLaw.step(memory, observation, goal, config)
+            return after._replace(reached=False), command, report
+
     story = Story(goal_timeout=0.0)
-    story.supervisor = Supervisor(SupervisorConfig(controller=QUICK, goal_timeout=0.0), law)
+    story.supervisor = Supervisor(SupervisorConfig(controller=QUICK, goal_timeout=0.0), Never)
     story.supervisor.on_goal(GOAL)
     assert seconds_until_given_up(story, lambda _: AT_GOAL) == pytest.approx(seconds, abs=1.0)
     assert story.supervisor.reason == reason
@@ -533,7 +521,7 @@ def test_a_controller_that_was_suspended_ends_its_goal():
 
 
 def limited_speeds(arrivals):
-    """Speeds of a robot with 1 m/s^2 that poses come to: pairs of the time since the last by its stamp and in truth."""
+    """Return the speeds of a robot with 1 m/s^2; an arrival is the time since the last pose, by its stamp and true."""
     supervisor, stamp, steady, speeds = Supervisor(SupervisorConfig(controller=SLOW_DOWN), PaperLaw), 100.0, 7.0, []
     supervisor.on_goal(GOAL)
     for by_stamp, passed in arrivals:
@@ -544,7 +532,7 @@ def limited_speeds(arrivals):
     return speeds
 
 
-def test_the_limits_of_acceleration_get_no_more_time_than_has_passed_since_the_last_command():
+def test_the_limits_of_acceleration_use_only_the_time_since_the_last_command():
     regular = [(0.05, 0.05)] * 5
     assert limited_speeds(regular) == pytest.approx([0.0, 0.05, 0.1, 0.15, 0.2])
     # Stamps 5 s ahead: 0.05 s have passed, and 0.05 s of jitter are allowed once.
@@ -557,7 +545,7 @@ def test_the_limits_of_acceleration_get_no_more_time_than_has_passed_since_the_l
 @pytest.mark.parametrize("own", [0.0, 1.0])
 @pytest.mark.parametrize("step", [0.8, -0.8, -5.0, -2000.0, 1e8])
 def test_a_clock_that_is_set_neither_ends_a_goal_nor_stops_the_robot_for_long(step, own):
-    """The clock is that of the sender of poses alone, or the controller's own as well."""
+    """The clock of the sender of the poses is set, and with ``own`` the clock of the controller, too."""
     supervisor = Supervisor(SupervisorConfig())
     supervisor.on_goal(Pose(200.0, 0.0, 0.0))
     stood = x = 0.0
