@@ -1,4 +1,4 @@
-"""The node ``controller``: a pose and a goal or path -> cmd_vel."""
+"""The node ``controller``: it turns poses and a goal or path into cmd_vel."""
 
 from __future__ import annotations
 
@@ -37,24 +37,24 @@ _HAS_POWER = {
     BatteryState.POWER_SUPPLY_STATUS_DISCHARGING: False,
     BatteryState.POWER_SUPPLY_STATUS_NOT_CHARGING: False,
 }
-"""True for the states of a battery in which a charger supplies the robot, False for those in which none does"""
+"""True for the states of a battery in which a charger supplies the robot; other states say nothing about a charger"""
 _MIN_WATCH_PERIOD, _MAX_WATCH_PERIOD = 1e-3, 0.05
-"""[s] bounds of the watch's period: a period of 0 would use a whole processor, and a waiting goal needs a bound"""
+"""[s] bounds of the period in which the node looks for missing poses and for waiting goals"""
 _RECENT = 2.0
-"""[s] if poses arrived within this time and did not count, their stamps are unusable"""
+"""[s] If poses arrived within this time and did not count, their stamps are wrong."""
 
 
-class PoseSource:
-    """Finds out why the controller receives no pose: from the graph, and from ~/status of the pose's publisher."""
+class PosePublisherWatch:
+    """Finds out why the controller receives no pose, from the graph and from ~/status of the publisher of the pose."""
 
     def __init__(self, node: ControllerNode, topic: str) -> None:
-        """Store the node that needs the pose, and the topic as this node names it."""
+        """Store the controller, and the topic as the controller names it."""
         self._node, self._topic = node, topic
         self._name = self._status = ""
-        """name of the publishing node, and its newest status"""
+        """name and newest status of the publishing node"""
 
     def problem(self) -> str:
-        """Return why no pose counts, in words; the controller asks twice a second while it waits for a pose."""
+        """Return why no pose counts, in words; called twice a second while the controller waits for a pose."""
         if text := self._node.input_problem(self._topic):
             return text
         topic = self._node.resolve_topic_name(self._topic)
@@ -83,7 +83,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
     """class of the action servers"""
 
     def __init__(self, **node_options: Any) -> None:
-        """Create the node; with the parameter ``autostart`` it is active afterwards."""
+        """Create the node; it is active afterwards if the parameter ``autostart`` is true."""
         super().__init__("controller", ControllerNodeConfig, None, **node_options)
 
     def configure(self) -> None:
@@ -96,12 +96,12 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self._actions = serve(self.actions, self)
         self._switch: bool | None = None
         self._has_power = False
-        """newest reports of the contact switch (None: no report), and of the battery: a charger supplies the robot"""
+        """newest report of the contact switch (None: no report); newest report that a charger supplies the robot"""
         self.subscribe(Bool, "dock_contact", self._on_switch)
         self.subscribe(BatteryState, "battery_state", self._on_battery)
         self._pose_topic = "pose" if config.pose_source == "pose" else "odometry/filtered"
         self._receive_poses(self._pose_topic)
-        self._pose_source = PoseSource(self, self._pose_topic)
+        self._pose_publisher = PosePublisherWatch(self, self._pose_topic)
         self.publisher_watch.watch("cmd_vel", "drive the robot", config.commands.max_cmd_vel_publishers)
         self.publisher_watch.watch(self._pose_topic, "estimate the pose")
         self._watch = self.create_timer(self._watch_period(), self._on_tick, clock=self.steady_clock)
@@ -110,29 +110,29 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
     def activate(self) -> None:
         """Start without a goal."""
         self._reset()
-        # With this message every subscriber knows which goals are old, and that later messages are new.
+        # With this message the subscribers can tell old goals from new ones.
         self.goals.publish_changes(force=True)
         self.outputs.publish_status(self.supervisor)
 
     def _reset(self) -> None:
-        """Replace the supervisor by a new one, which keeps only the records of goals and the contact."""
+        """Replace the supervisor by a new one, which keeps the records of the goals and the contact."""
         before, self.supervisor = self.supervisor, Supervisor(self.config.supervisor, self.supervisor.law)
-        # The ends of earlier goals may not be published yet, and a switch may report its changes only.
+        # The ends of earlier goals may not be published yet, and a switch may report only changes.
         self.supervisor.goals, self.supervisor.contact = before.goals, before.contact
-        # From now on a suspension is noticed, even before the first pose.
+        # The first event: from now on a suspension is detected, even before the first pose.
         self.supervisor.on_tick(self.now(), time.monotonic())
 
     def deactivate(self) -> None:
-        """Stop the robot, cancel the goal and leave cmd_vel to others."""
-        # First, because the rest may fail.
-        self.outputs.commands.deliver(STOP)
-        self.goals.drop_waiting(CANCELLED, "the controller was deactivated")
-        self.supervisor.on_stop()
+        """Stop the robot, cancel the goal and stop publishing cmd_vel."""
+        self.outputs.commands.deliver(STOP)  # first, because the rest may fail
+        reason = "by the deactivation of the controller"
+        self.goals.drop_waiting(CANCELLED, reason)
+        self.supervisor.on_stop(reason)
         self.outputs.publish_status(self.supervisor)
         self.goals.publish_changes()
 
     def halt(self) -> None:
-        """Stop the robot and end the goal as not reached; the robot stands until the next goal."""
+        """Stop the robot, and end the goal as not reached; the robot rests until the next goal."""
         if not self.is_active:
             return
         self.outputs.commands.send(STOP)  # first, because the rest may fail
@@ -140,7 +140,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         had_goal = supervisor.state in WITH_GOAL or supervisor.goals.present is not None
         had_goal = self.goals.drop_waiting(NOT_REACHED, reason) or had_goal
         supervisor.goals.close(NOT_REACHED, reason, supervisor.elapsed)
-        # The error may have left the supervisor in any state.
+        # After the error, the supervisor may be in an inconsistent state.
         self._reset()
         if had_goal:
             self.supervisor.on_fault(reason)
@@ -163,16 +163,16 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         presets: Mapping[str, ControllerNodeConfig] | None,
         overrides: Mapping[str, Any],
     ) -> tuple[type[ControllerNodeConfig], Mapping[str, ControllerNodeConfig] | None]:
-        """Return the parameters of the node with the law that the overrides select."""
+        """Return the parameters of the node, with the parameters of the law that the overrides select."""
         return parameter_set_of(overrides)
 
     def on_config(self, config: ControllerNodeConfig) -> None:
-        """Use changed limits and tolerances from the next pose on."""
+        """Use changed parameters from the next pose on."""
         self.supervisor.config = config.supervisor
         self._watch.timer_period_ns = int(self._watch_period() * NS_PER_S)
 
     def health_level(self) -> tuple[int, str]:
-        """Return level and text for /diagnostics, which begins with the controller's state."""
+        """Return level and text for /diagnostics; the text begins with the state of the controller."""
         level, text = super().health_level()
         problem = (self._clock_problem() or self.supervisor.problem) if self.is_configured else ""
         text = text if problem in text else f"{problem}; {text}"
@@ -184,7 +184,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         return self.clock_watch.now()
 
     def _watch_period(self) -> float:
-        # The watch detects a clock that stands still up to one period late, and the end of pose_timeout as well.
+        # The end of pose_timeout, or a clock that stands still, is detected up to one period late.
         return min(max(0.125 * self.config.supervisor.pose_timeout, _MIN_WATCH_PERIOD), _MAX_WATCH_PERIOD)
 
     def _clock_problem(self) -> str:
@@ -192,7 +192,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         clock, supervisor = self.clock_watch, self.config.supervisor
         if clock.is_unreliable:
             return clock.problem or "time on /clock jumped back"
-        # In lock-step the plant waits for the answer, however long it takes in real time.
+        # In lock-step the plant waits for the answer, and time stands still until it comes.
         stands = not supervisor.publish_when_idle and clock.standstill() > supervisor.pose_timeout
         return (clock.problem or "time on /clock stands still") if stands else ""
 
@@ -201,14 +201,14 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self._report_contact()
 
     def _on_battery(self, message: BatteryState) -> None:
-        # A state that says nothing about the charger does not change the report.
+        # Other states say nothing about a charger.
         self._has_power = _HAS_POWER.get(message.power_supply_status, self._has_power)
         self._report_contact()
 
     def _report_contact(self) -> None:
-        """Set the contact of the law's observation.
+        """Set the contact for the law.
 
-        A closed switch is contact whatever the battery reports, because a charger may pause while the robot is docked.
+        A closed switch means contact even if the battery does not charge, because a charger may pause.
         """
         if self._switch or self._has_power:
             self.supervisor.contact = CONTACT
@@ -220,18 +220,18 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self._answer(stamp, pose, self._fallback() if uncertainty is None else uncertainty)
 
     def take_pose(self, stamp: int, pose: Pose, uncertainty: Uncertainty) -> None:
-        """Answer an estimate of this process as if it had arrived in a message.
+        """Handle an estimate of this process as if it had arrived in a message.
 
         Args:
             stamp: [ns] time to which the pose belongs.
-            pose: in ``map_frame``.
-            uncertainty: of the pose.
+            pose: pose in ``map_frame``.
+            uncertainty: uncertainty of the pose.
         """
         if self._answer(stamp, pose, uncertainty):
             self.health.accept(self._pose_topic, time.monotonic())
 
     def _answer(self, stamp: int, pose: Pose, uncertainty: Uncertainty) -> bool:
-        """Answer a pose; return True if its stamp advanced, which is the only sign of life."""
+        """Answer a pose with a command; return True if the stamp of the pose advanced."""
         if not self.is_active:
             return True
         supervisor = self.supervisor
@@ -256,7 +256,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
             self.get_logger().warning(BEYOND_LIMITS, throttle_duration_sec=STATE_LOG_PERIOD)
 
     def _fallback(self) -> Uncertainty:
-        """Return the uncertainty of a pose without covariance; count it, and log the first one."""
+        """Return the uncertainty for a pose without covariance; count the pose, and log the first one."""
         note = f"{self._pose_topic} with the covariance of the parameters"
         self.health.counted[note] += 1
         fallback = self.config.pose_fallback
@@ -288,7 +288,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
             supervisor, commands = self.supervisor, self.outputs.commands
             commands.check(supervisor.state in WITH_GOAL)
             waits = supervisor.status in (STALE, WAITING)
-            pose_problem = (self._clock_problem() or self._pose_source.problem()) if waits else ""
+            pose_problem = (self._clock_problem() or self._pose_publisher.problem()) if waits else ""
             supervisor.problem = "; ".join(filter(None, (pose_problem, commands.problem)))
         self.outputs.publish_status(self.supervisor)
 

@@ -1,8 +1,8 @@
-"""The nodes ``dock_ekf`` and ``dock_controller`` in one process: a robot's filter and law in the frame of its dock.
+"""The nodes ``dock_ekf`` and ``dock_controller`` in one process: filter and controller in the frame of the dock.
 
-They are a second ekf and a second controller, besides those that drive to goals in map. The filter turns
-detected_dock_pose and odom into dock/pose. The controller turns dock/pose and a goal (dock/goal_pose, ``diffbot dock``
-or the action dock_robot) into cmd_vel.
+They run beside the ekf and the controller that drive to goals in map. The filter turns detected_dock_pose and odom into
+dock/pose. The controller turns dock/pose and a goal (dock/goal_pose, ``diffbot dock`` or the action dock_robot) into
+cmd_vel.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _IN_MAP = (
     *("pose", "odometry/filtered", "global_pose", "heading", "landmarks", "initialpose"),
     *("goal_pose", "goal_update", "path"),
 )
-"""Topics of the filter and the controller in map, whose names get the prefix ``dock/`` here."""
+"""Topics that the nodes in map use, too; here their names have the prefix ``dock/``."""
 CONTROLLER_DEFAULTS = MappingProxyType(
     {
         "law": Docking.name,
@@ -45,23 +45,23 @@ CONTROLLER_DEFAULTS = MappingProxyType(
         "hold_goal": False,
         "goal_timeout": 120.0,
         "pose_lost_timeout": 5.0,
-        # This controller and the controller in map.
+        # The controller in map is the second publisher.
         "max_cmd_vel_publishers": 2,
     }
 )
-"""Defaults that differ from those of the controller in map."""
+"""Defaults that differ from the defaults of the controller in map."""
 
 
 def remappings(name: str) -> list[str]:
-    """Return the arguments that give a node and its topics other names than those of the node in map."""
+    """Return the arguments that name the node and add the prefix ``dock/`` to its topics."""
     rules = [f"__node:={name}", *(f"{topic}:=dock/{topic}" for topic in _IN_MAP)]
     return ["--ros-args", *(word for rule in rules for word in ("-r", rule))]
 
 
-_LOOK_PERIOD = 0.05
-"""[s] between two checks for a new goal while there are no poses"""
+_CHECK_PERIOD = 0.05
+"""[s] period of the checks for a new goal while there are no poses"""
 _RELEASE_TIME = 0.5
-"""[s] time within which the controller in map drops its goal; a goal that it has later is a newer goal"""
+"""[s] time within which the controller in map drops its goal; a goal that it has afterwards is a new one"""
 _UNDER_WAY = GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING
 
 
@@ -76,7 +76,7 @@ class DockEkfNode(EkfNode):
 
 
 class DockControllerNode(RobotControllerNode):
-    """The controller in the frame of the dock. The newest goal of this controller and of the controller in map wins."""
+    """The controller in the frame of the dock. It drives while its goal is newer than the goal of the one in map."""
 
     actions = DockActions
 
@@ -94,64 +94,63 @@ class DockControllerNode(RobotControllerNode):
         return variant(config_type, {}, values=CONTROLLER_DEFAULTS), presets
 
     def configure(self) -> None:
-        """Subscribe to the goals of the controller in map, too."""
+        """Also subscribe to the goals of the controller in map."""
         super().configure()
         self._accepted, self._began = 0, -math.inf
-        """number of accepted goals, and steady time [s] at which the newest goal was detected"""
+        """number of accepted goals at the last check; [s] steady time at which the newest goal was detected"""
         self._in_map: GoalStatus | None = None
         self._before: GoalStatus | None = None
-        """newest goal of the controller in map: at present, and when the newest goal of this controller was detected"""
-        self._release = self.create_client(Trigger, "controller/cancel")
+        """newest goal of the controller in map: now, and when the newest goal of this controller was detected"""
+        self._cancel_in_map = self.create_client(Trigger, "controller/cancel")
         self.create_subscription(GoalStatusArray, "controller/goal_status", self._on_goals_in_map, LATCHED)
-        self.create_timer(_LOOK_PERIOD, self._look_at_goals, clock=self.steady_clock)
+        self.create_timer(_CHECK_PERIOD, self._check_goals, clock=self.steady_clock)
 
     def take_pose(self, stamp: int, pose: Pose, uncertainty: Uncertainty) -> None:
-        """Check for new goals, and answer an estimate."""
-        self._look_at_goals()
+        """Check for new goals, then handle the estimate."""
+        self._check_goals()
         super().take_pose(stamp, pose, uncertainty)
 
-    def _look_at_goals(self) -> None:
-        """Cancel the goal of the controller in map if this controller has a new goal, and the other way round."""
+    def _check_goals(self) -> None:
+        """Cancel the older goal if both this controller and the controller in map have one."""
         if self.supervisor.accepted != self._accepted:
             self._accepted, self._began, self._before = self.supervisor.accepted, time.monotonic(), self._in_map
-            if self._release.service_is_ready():
-                self._release.call_async(Trigger.Request())
+            if self._cancel_in_map.service_is_ready():
+                self._cancel_in_map.call_async(Trigger.Request())
             self._restart_filter_if_lost()
         elif (
             self._has_goal_in_map()
             and self.supervisor.goal is not None
             and time.monotonic() - self._began > _RELEASE_TIME
         ):
-            self.get_logger().info("a new goal of the controller in map: letting go of the dock")
-            self.goals.cancel()
+            self.goals.cancel("by a new goal of the controller in map")
 
     def _restart_filter_if_lost(self) -> None:
-        """Restart the filter if its pose is useless: it was not corrected for long, or detections contradict odometry.
+        """Restart the filter if its estimate is useless: too uncertain, or contradicted by the detections.
 
-        Otherwise the pose is needed, because a docked robot does not detect its dock.
+        Otherwise keep the estimate, because a docked robot may not detect its dock.
         """
-        found = self._ekf.localization
-        if found.contradiction.cause or (found.initialised and uncertainty_of(found.estimate().P).xy > MAX_UNCERTAINTY):
-            self.get_logger().info("the dock is looked for anew")
+        ekf = self._ekf.localization
+        if ekf.contradiction.cause or (ekf.initialised and uncertainty_of(ekf.estimate().P).xy > MAX_UNCERTAINTY):
+            self.get_logger().info("the estimate is useless: the filter restarts with the next detection of the dock")
             self._ekf.restart()
 
     def _has_goal_in_map(self) -> bool:
-        """Return True if the controller in map drives, or has reached a newer goal, which it may hold."""
+        """Return True if the controller in map drives, or has reached a new goal, which it may hold."""
         if self._in_map is None or self._before is None:
             return False
         is_new = self._in_map.goal_info.goal_id != self._before.goal_info.goal_id
         return self._in_map.status in _UNDER_WAY or (is_new and self._in_map.status == GoalStatus.STATUS_SUCCEEDED)
 
     def _on_goals_in_map(self, message: GoalStatusArray) -> None:
-        # The newest goal is the last one; a controller that was restarted has no goals.
+        # The newest goal is the last one. A controller that was restarted has no goals.
         self._in_map = message.status_list[-1] if message.status_list else GoalStatus()
-        # The first, latched message is about the past, even if it arrives after the first docking has begun.
+        # The first message is latched, so it describes the past, even if it arrives after a docking has begun.
         if self._before is None:
             self._before = self._in_map
 
 
 def make_nodes() -> Iterator[EkfNode | ControllerNode]:
-    """Create the two nodes, the filter first."""
+    """Create the filter, then the controller."""
     ekf = DockEkfNode(cli_args=remappings(EKF))
     yield ekf
     yield DockControllerNode(ekf, cli_args=remappings(CONTROLLER))

@@ -1,4 +1,4 @@
-"""Goals with any law: accept a goal, drive to it, answer once, and hold it. Free of ROS; times in seconds.
+"""Goals with any law: accept a goal, drive to it, report its end once, and hold it. Free of ROS; times in seconds.
 
 A :class:`Supervisor` turns goals, poses and the passing of time into commands::
 

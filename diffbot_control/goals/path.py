@@ -1,4 +1,4 @@
-"""The way along a path: its length, the goals that were passed, and the time that remains."""
+"""Paths: remaining length and time, goals that were passed, and headings for paths that came without headings."""
 
 from __future__ import annotations
 
@@ -6,10 +6,17 @@ import math
 from collections.abc import Iterable, Sequence
 from itertools import takewhile
 
-from diffbot_core.geometry import Pose
+import numpy as np
+
+from diffbot_control.filter.models import Array
+from diffbot_core.geometry import Pose, wrap_angle
 
 _MIN_SHARE = 0.05
 """share of the distance to cover before the mean speed so far is meaningful"""
+_CHORD = 0.2
+"""[m] length along the path, in both directions, over which its direction is measured"""
+_SAME, _CONTRADICTION = 1e-3, 0.3
+"""[rad] headings that differ by less are equal; a heading that differs by more contradicts the direction of the path"""
 
 
 def distance_along(pose: Pose, goals: Iterable[Pose]) -> float:
@@ -22,21 +29,73 @@ def distance_along(pose: Pose, goals: Iterable[Pose]) -> float:
 
 
 def goals_passed(pose: Pose, goals: Sequence[Pose], radius: float) -> int:
-    """Return how many of the next goals in a row are within ``radius`` [m] of a pose; the last goal never counts."""
+    """Return how many of the first goals in a row are within ``radius`` [m] of a pose; the last goal never counts."""
     near = takewhile(lambda one: math.hypot(one.x - pose.x, one.y - pose.y) < radius, goals[:-1])
     return sum(1 for _ in near)
 
 
 def time_remaining(distance: float, first_distance: float, elapsed: float, max_speed: float) -> float:
-    """Estimate the time [s] to the goal from the mean speed so far, at first from the speed limit.
+    """Estimate the time [s] to the goal from the mean speed so far; at first from the speed limit.
 
     Args:
-        distance: [m] that remains.
-        first_distance: [m] that remained when the goal was accepted.
-        elapsed: [s] since then.
-        max_speed: [m/s] limit; may be infinite, or 0 for a robot that must not move.
+        distance: [m] remaining distance.
+        first_distance: [m] remaining distance when the goal was accepted.
+        elapsed: [s] since the goal was accepted.
+        max_speed: [m/s] speed limit; may be infinite, or 0 for a robot that must not move.
     """
     covered = first_distance - distance
     if covered > _MIN_SHARE * first_distance and elapsed > 0.0:
         return distance * elapsed / covered
     return distance / max_speed if max_speed > 0.0 else math.inf
+
+
+def directions(poses: Sequence[Pose]) -> Array:
+    """Return the direction [rad] of a path at each of its n poses, shape (n,); nan where the path has no length.
+
+    At a corner the direction bisects the angle. Where the path turns back, it is the direction of the next part.
+    """
+    points = np.array([(one.x, one.y) for one in poses])
+    lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    before = np.maximum(np.searchsorted(lengths, lengths - _CHORD, side="right") - 1, 0)
+    after = np.minimum(np.searchsorted(lengths, lengths + _CHORD), len(poses) - 1)
+    ahead = _units(points[after] - points)
+    sums = _units(points - points[before]) + ahead
+    chosen = np.where(np.hypot(*sums.T)[:, None] > _SAME, sums, ahead)
+    return np.where(chosen.any(axis=1), np.arctan2(chosen[:, 1], chosen[:, 0]), np.nan)
+
+
+def _units(vectors: Array) -> Array:
+    lengths = np.hypot(*vectors.T)[:, None]
+    units: Array = np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 0.0)
+    return units
+
+
+def with_headings(poses: list[Pose], are_default: bool) -> list[Pose]:
+    """Return the path with its direction as headings, if it came without headings; otherwise the same list.
+
+    Planners in two dimensions publish paths without headings. A path has no headings if all headings between the first
+    and the last pose are equal and contradict the direction of the path. The last heading belongs to the goal and does
+    not change. A straight path that is driven backwards has headings, unless its orientations are those of empty
+    messages.
+
+    Args:
+        poses: poses of the path.
+        are_default: True if the orientations between the first and the last pose are those of empty messages.
+    """
+    if len(poses) < 3:
+        return poses
+    inner = poses[1:-1] if len(poses) > 3 else poses[:-1]
+    common = inner[0].theta
+    if any(abs(wrap_angle(one.theta - common)) > _SAME for one in inner):
+        return poses
+    found = directions(poses)[:-1]
+    differences = [abs(wrap_angle(angle - common)) for angle in found if np.isfinite(angle)]
+    turns_back = abs(wrap_angle(poses[-1].theta - common)) > _CONTRADICTION
+    is_backwards = not turns_back and all(one >= np.pi - _CONTRADICTION for one in differences)
+    if all(one <= _CONTRADICTION for one in differences) or (is_backwards and not are_default):
+        return poses
+    followed = [
+        one._replace(theta=float(angle)) if np.isfinite(angle) and abs(wrap_angle(one.theta - common)) <= _SAME else one
+        for one, angle in zip(poses, found, strict=False)
+    ]
+    return [*followed, poses[-1]]

@@ -1,4 +1,4 @@
-"""Records of goals: each goal has an id, is accepted or refused once, and ends once. Free of ROS; times in seconds."""
+"""Records of goals: each goal has an id, is accepted or refused once, and ends once. Times in seconds."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ HISTORY = 32
 MAX_PATH_POSES = 2000
 """A longer path is refused."""
 SUSPENSION = 2.0
-"""[s] a controller that was suspended for longer ends its goal, because its clients may have declared it lost"""
+"""[s] If the controller is suspended for longer, it ends its goal, because its clients may have declared it lost."""
 RESTART_TIMEOUT = 2.0
 """[s] grace period after the lease of ~/status (1 s) before a client declares the controller lost. DDS renews the lease
 at least 2/3 s before its end, so a client waits longer than SUSPENSION."""
 _MAX_IDS = 1000
-"""Number of ids that are kept, to recognise a message that a client repeats."""
+"""Number of ids that are kept, to recognise messages that a client repeats."""
 
 
 def goal_id(frame: str, stamp: int) -> str:
@@ -34,7 +34,7 @@ def goal_id(frame: str, stamp: int) -> str:
 
 
 def end_text(end: str, reason: str) -> str:
-    """Return an end in words, with its reason if there is one, such as ``not reached: no progress ...``."""
+    """Return the end of a goal in words, such as ``not reached: no progress for 30 s, 1.20 m to go``."""
     return f"{end}: {reason}" if reason else end
 
 
@@ -46,7 +46,7 @@ class GoalRequest(NamedTuple):
     source: str = ""
     """name of the topic, or ``action``"""
     time: float = math.nan
-    """[s] of its arrival, on the caller's clock"""
+    """[s] time of arrival, on the caller's clock"""
 
 
 ANONYMOUS = GoalRequest()
@@ -61,9 +61,9 @@ class GoalRecord(NamedTuple):
     end: str = ""
     """one of ENDS; empty before the end"""
     reason: str = ""
-    """reason of the end; may be empty"""
+    """reason of the end; empty if the goal was reached"""
     elapsed: float = 0.0
-    """[s] from its acceptance to its end"""
+    """[s] from the acceptance to the end"""
 
     @property
     def text(self) -> str:
@@ -72,7 +72,7 @@ class GoalRecord(NamedTuple):
 
 
 class GoalBook:
-    """The present goal and those that have ended."""
+    """The present goal, and the goals that have ended."""
 
     def __init__(self) -> None:
         """Start without goals."""
@@ -84,7 +84,7 @@ class GoalBook:
         self._ids: dict[str, None] = {}
 
     def knows(self, goal_id: str) -> bool:
-        """Return True if a goal with this id was accepted or refused before."""
+        """Return True if a goal with this id was accepted or refused."""
         return goal_id in self._ids
 
     def accept(self, request: GoalRequest) -> None:
@@ -97,17 +97,17 @@ class GoalBook:
         self._remember(request.id)
         self._add(GoalRecord(request, end=end, reason=reason))
 
-    def cancel(self) -> None:
-        """Mark the present goal as cancelled; it ends when the robot has come to rest."""
+    def cancel(self, reason: str) -> None:
+        """Mark the present goal as cancelled; it ends with this reason when the robot has come to rest."""
         if self.present is not None:
-            self.present = self.present._replace(is_cancelling=True)
+            self.present = self.present._replace(is_cancelling=True, reason=reason)
 
     def close(self, end: str, reason: str, elapsed: float) -> None:
-        """End the present goal, if there is one; a goal that was cancelled always ends as cancelled."""
+        """End the present goal, if there is one; a cancelled goal always ends as cancelled, with its own reason."""
         if self.present is None:
             return
         if self.present.is_cancelling:
-            end, reason = CANCELLED, ""
+            end, reason = CANCELLED, self.present.reason
         record, self.present = self.present._replace(end=end, reason=reason, elapsed=elapsed), None
         self._add(record)
 

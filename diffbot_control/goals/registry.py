@@ -1,4 +1,4 @@
-"""Laws by name: registered ones by the entry points ``diffbot.controllers``, others by ``package.module:Class``."""
+"""Find a law by its registered name (entry points ``diffbot.controllers``) or by ``package.module:Class``."""
 
 from __future__ import annotations
 
@@ -15,15 +15,18 @@ GROUP = "diffbot.controllers"
 
 
 def registered_laws() -> dict[str, str]:
-    """Return name and ``package.module:Class`` of all registered laws, sorted by name."""
+    """Return ``package.module:Class`` of all registered laws by name, sorted by name."""
     return {name: one.value for name, one in entry_points_by_name(GROUP).items()}
 
 
 def resolve_law(text: str) -> type[Law]:
-    """Return the law of a registered name or of ``package.module:Class``.
+    """Import a law.
+
+    Args:
+        text: registered name, or ``package.module:Class``.
 
     Raises:
-        InvalidValueError: in one line, if there is no such law, or it cannot be imported or used.
+        InvalidValueError: if the law does not exist, or cannot be imported or used.
     """
     found = registered_laws()
     place = found.get(text, text)
@@ -34,13 +37,13 @@ def resolve_law(text: str) -> type[Law]:
         law: Any = importlib.import_module(module_name)
         for part in attribute.split("."):
             law = getattr(law, part)
-    except (Exception, SystemExit) as error:  # a module may end the interpreter when it is imported
-        raise InvalidValueError("law", text, f"importable ({_cause(error)})") from None
+    except (Exception, SystemExit) as error:  # a module may call sys.exit when it is imported
+        raise InvalidValueError("law", text, f"a law that can be imported ({_cause(error)})") from None
     return _checked(text, law)
 
 
 def _checked(text: str, law: Any) -> type[Law]:
-    """Return a law after checking that it starts with its defaults.
+    """Return ``law`` if it can be used with its default parameters.
 
     Raises:
         InvalidValueError: naming the first part that is missing or wrong.
@@ -49,19 +52,19 @@ def _checked(text: str, law: Any) -> type[Law]:
         raise InvalidValueError("law", text, "a class derived from diffbot_control.law.Law")
     config_type = vars(law).get("Config")
     if not (isinstance(config_type, type) and hasattr(config_type, "_fields")):
-        raise InvalidValueError("law", text, "a law with a NamedTuple type 'Config'")
+        raise InvalidValueError("law", text, "a law whose Config is a NamedTuple type")
     if not isinstance(vars(law).get("name"), str) or not law.name:
-        raise InvalidValueError("law", text, "a law with a text 'name'")
+        raise InvalidValueError("law", text, "a law whose name is a text that is not empty")
     try:
         config = config_type()
         memory = law.new_memory(config)
         is_complete = isinstance(law.data_sheet(config), DataSheet) and law.tolerance(config).settling_steps > 0
     except Exception as error:
-        raise InvalidValueError("law", text, f"a law that starts with its defaults ({_cause(error)})") from None
+        raise InvalidValueError("law", text, f"a law that can be used with its defaults ({_cause(error)})") from None
     if not is_complete:
         raise InvalidValueError("law", text, "a law whose data_sheet(config) is a DataSheet")
     if not hasattr(memory, "reached"):
-        raise InvalidValueError("law", text, "a law whose memory has a field 'reached'")
+        raise InvalidValueError("law", text, "a law whose memory has the field reached")
     return law
 
 

@@ -1,7 +1,7 @@
-"""States of the controller: one table, (state, event) -> state, command, answer.
+"""States of the controller: a table of transitions, (state, event) -> next state, command, end of the goal.
 
-An event without an entry in the row of a state has no effect in that state. :class:`Supervisor` detects the events;
-the table defines their effects.
+An event without an entry in the row of a state has no effect in this state. The :class:`Supervisor` detects the events,
+and the table defines their effects.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from diffbot_control.goals.record import CANCELLED, NOT_REACHED, POSE_LOST, REAC
 
 
 class State(Enum):
-    """What the controller does with its goal."""
+    """State of the controller."""
 
     IDLE = "idle"
     """there is no goal, and the robot stands"""
@@ -23,11 +23,11 @@ class State(Enum):
     HOLDING = "holding"
     """the goal was reached, and the robot stays there"""
     STOPPING = "stopping"
-    """the robot brakes without a goal; a cancelled goal ends when the robot rests"""
+    """the robot brakes without a goal; a cancelled goal ends when the robot is at rest"""
 
 
 class GoalEvent(Enum):
-    """Events; the value is the name in the documentation."""
+    """Events; the values are the names in the documentation."""
 
     GOAL = "goal accepted"
     CANCEL = "cancelled"
@@ -47,7 +47,7 @@ class GoalEvent(Enum):
 
 
 class Reaction(Enum):
-    """Commands of a transition."""
+    """Command of a transition."""
 
     NOTHING = ""
     LAW = "step of the law"
@@ -57,12 +57,12 @@ class Reaction(Enum):
 
 
 class Transition(NamedTuple):
-    """Effect of an event."""
+    """Effect of an event in a state."""
 
     state: State
     command: Reaction = Reaction.NOTHING
     answer: str = ""
-    """end of the present goal, one of record.ENDS; empty if it does not end"""
+    """end of the present goal, one of record.ENDS; empty if the goal does not end"""
     text: str = ""
     """new text of ~/status while there is no goal; empty for no change"""
 
@@ -71,7 +71,7 @@ IDLE, WAITING, DRIVING, STALE, CANCELLING = "idle", "waiting for pose", "driving
 AT_GOAL, NOT_AT_GOAL = "goal reached", "goal not reached"
 UNCERTAIN = "tolerance below uncertainty"
 STATUS_TEXTS = (IDLE, WAITING, DRIVING, UNCERTAIN, STALE, CANCELLING, AT_GOAL, NOT_AT_GOAL)
-"""All messages of ~/status."""
+"""All texts of ~/status."""
 
 TABLE: Mapping[State, Mapping[GoalEvent, Transition]] = {
     State.IDLE: {
@@ -114,7 +114,7 @@ TABLE: Mapping[State, Mapping[GoalEvent, Transition]] = {
         GoalEvent.STOP: Transition(State.IDLE, Reaction.ZERO, CANCELLED, IDLE),
     },
 }
-"""The answers in STOPPING are for a cancelled goal, and have no effect if there is none."""
+"""The ends in STOPPING are for a cancelled goal; they have no effect without one."""
 
 WITH_GOAL = frozenset({State.DRIVING, State.HOLDING})
-"""States in which the robot has a goal to drive to or to hold."""
+"""States in which the robot drives to a goal or holds it."""

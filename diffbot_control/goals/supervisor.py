@@ -1,6 +1,6 @@
-"""The controller without ROS: goals, poses and the passing of time -> commands and answers. Times in seconds.
+"""The controller without ROS: it turns goals, poses and elapsed time into commands, and ends each goal once.
 
-:mod:`diffbot_control.goals.states` defines the transitions; this module detects the events.
+:mod:`diffbot_control.goals.states` defines the transitions; this module detects the events. Times in seconds.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from diffbot_control.goals import states
 from diffbot_control.goals.path import distance_along, goals_passed
 from diffbot_control.goals.record import ANONYMOUS, SUSPENSION, GoalBook, GoalRequest
 from diffbot_control.goals.states import TABLE, WITH_GOAL, GoalEvent, Reaction, State
-from diffbot_control.goals.timing import MAX_STEP, Patience, PoseClock, Way
+from diffbot_control.goals.timing import MAX_STEP, GoalGuard, PoseClock, RemainingPath
 from diffbot_control.law import CONTACT_UNKNOWN, OMEGA_L, Law, Observation, Report, SwitchingConfig, SwitchingLaw
 from diffbot_control.law.goal_checker import is_at_rest, is_knowable, smallest_tolerance
 from diffbot_control.law.law import STOP, LawError, braking_step, errors_of, guarded_step
@@ -24,7 +24,7 @@ from diffbot_core.schema import DISTANCE, TIME, TIMEOUT, Spec, known_fields
 from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty
 
 _NEAR_TOLERANCES = 3.0
-"""Distance from the last goal, in tolerances, within which the robot need not come closer."""
+"""Distance from the last goal, in tolerances, within which manoeuvres need not bring the robot closer."""
 _STOP_REPEATS = 5
 """Number of zero commands after a stop, so that the robot stops even if one message is lost."""
 _MAX_UPDATE_ANGLE = 0.5
@@ -33,26 +33,27 @@ _MAX_UPDATE_ANGLE = 0.5
 
 @known_fields
 class SupervisorConfig(NamedTuple):
-    """Parameters of the law, and of what the controller does around it."""
+    """Parameters of the law, and of the supervisor."""
 
     controller: SwitchingConfig = SwitchingConfig()
     """parameters of the law"""
     uncertainty_scale: Annotated[
         float, Spec("factor of the estimate's standard deviations, for an overconfident filter", "-", 0.0, 100.0)
     ] = 1.0
-    pose_timeout: Annotated[float, Spec("the robot is stopped after this time without a pose", "s", *TIMEOUT)] = 0.5
+    pose_timeout: Annotated[float, Spec("time without a pose after which the robot is stopped", "s", *TIMEOUT)] = 0.5
     pose_lost_timeout: Annotated[
-        float, Spec("the robot gives a goal up after this time without a pose; 0: never", "s", *TIME)
+        float, Spec("time without a pose after which the goal is given up; 0: never", "s", *TIME)
     ] = 30.0
     waypoint_radius: Annotated[
         float,
-        Spec("distance at which a waypoint of a path is passed; 0: each is reached first", "m", *DISTANCE),
+        Spec("distance at which a waypoint of a path counts as passed; 0: each waypoint is reached", "m", *DISTANCE),
     ] = 0.4
-    hold_goal: Annotated[bool, Spec("keep controlling at a reached goal; otherwise go idle")] = True
+    hold_goal: Annotated[bool, Spec("hold a reached goal, against disturbances; otherwise go idle")] = True
     hold_distance: Annotated[
         float,
         Spec(
-            "a robot found farther from a held goal, and than twice xy_goal_tolerance, goes idle instead of back",
+            "distance from a held goal beyond which the robot goes idle instead of returning; at least twice "
+            "xy_goal_tolerance",
             "m",
             *DISTANCE,
         ),
@@ -60,25 +61,22 @@ class SupervisorConfig(NamedTuple):
     goal_timeout: Annotated[
         float,
         Spec(
-            "the robot gives a goal up that is not reached after this time; -1: derived from distance and limits;"
-            " 0: never",
+            "time after which a goal that is not reached is given up; -1: derived from distance and limits; 0: never",
             "s",
             -1.0,
             TIME[1],
         ),
     ] = -1.0
     goal_update_distance: Annotated[
-        float, Spec("a goal_update farther than this from the present goal is dropped", "m", *DISTANCE)
+        float, Spec("largest distance of a goal_update from the present goal; a farther one is dropped", "m", *DISTANCE)
     ] = 0.5
-    publish_when_idle: Annotated[
-        bool, Spec("answer every pose, with zero when there is no goal (lock-step needs it)")
-    ] = False
+    publish_when_idle: Annotated[bool, Spec("answer every pose, with zero without a goal (lock-step needs it)")] = False
 
 
 class Supervisor:
-    """Turns goals, poses and the passing of time into commands.
+    """Turns goals, poses and elapsed time into commands.
 
-    Each method named ``on_...`` is an event from outside. A returned command has to be sent; None sends nothing.
+    Each method ``on_...`` is an event from outside. The caller sends the command that is returned; None means none.
     """
 
     def __init__(self, config: SupervisorConfig, law: type[Law] = SwitchingLaw) -> None:
@@ -90,43 +88,44 @@ class Supervisor:
         self.config, self.law = config, law
         self.state = State.IDLE
         self.goals = GoalBook()
-        """the goals that were accepted, and how each of them ended"""
+        """records of the goals"""
         self.clock = PoseClock()
         self.goals_ahead: list[Pose] = []
         """the present goal, and the later goals of its path"""
         self.waypoint = self.waypoints = 0
-        """number of the present goal in its path, from 1, and number of goals of the path; both 0 for a single goal"""
+        """number of the present goal in its path, from 1, and length of the path; both 0 for a single goal"""
         self.updates = 0
         """number of corrections of the present goal"""
         self.contact = CONTACT_UNKNOWN
         """contact with the dock: CONTACT_UNKNOWN, NO_CONTACT or CONTACT"""
         self.problem = ""
-        """what hinders the robot at present, set by the caller; the reason of a goal that is given up contains it"""
+        """what keeps the robot from driving, set by the caller; the reason of a goal that is given up contains it"""
         self.report: Report | None = None
         self.reason = ""
         """why the last goal was not reached; empty if it was reached, or has not ended"""
         self.has_failed = False
-        """the last goal ended because of an error of the law or of the node"""
+        """True if the last goal ended because of an error of the law or of the node"""
         self.goals_reached = 0
-        """number of goals reached; a held goal counts once, even if the robot leaves it and returns"""
+        """number of goals reached; a held goal counts once"""
         self.accepted = 0
         """number of goals and paths accepted"""
         self.pose: Pose | None = None
         self.uncertainty = CERTAIN
         """uncertainty of the newest pose, times uncertainty_scale"""
         self.is_stale = False
-        """the robot was stopped, because no pose arrived within pose_timeout"""
+        """True if the robot was stopped because no pose arrived within pose_timeout"""
         self._waits = self._is_uncertain = False
-        """no pose was answered since the goal was accepted; at rest, and the estimate is too uncertain for an answer"""
+        """True before the first pose with this goal; True if the robot rests and its estimate is too uncertain"""
         self._text = states.IDLE
-        """the status while there is no goal"""
+        """status while there is no goal"""
         self._failure = ""
-        """error of the law outside of a step, which ends the goal at the next event"""
-        self._patience = Patience()
+        """error of the law outside of a step; it ends the goal at the next event"""
+        self._guard = GoalGuard()
         self._command = STOP
         self._since_command = self._since_step = 0.0
         """[s] time since the last command, and since the last step of the law"""
         self._zeros_due = 0
+        """number of zero commands that are still to be sent"""
         with errors_of(law):
             self.memory: Any = law.new_memory(config.controller)
             """memory of the law"""
@@ -134,39 +133,39 @@ class Supervisor:
 
     @property
     def status(self) -> str:
-        """The message of ~/status, one of ``states.STATUS_TEXTS``."""
+        """The text of ~/status, one of ``states.STATUS_TEXTS``."""
         if self.state not in WITH_GOAL:
             return states.CANCELLING if self.goals.present is not None else self._text
         if self.is_stale:
             return states.STALE
         if self.state is State.HOLDING:
-            return states.DRIVING if not self.memory.reached or self._returns() else states.AT_GOAL
+            return states.DRIVING if not self.memory.reached or self._is_returning() else states.AT_GOAL
         if self._waits:
             return states.WAITING
         return states.UNCERTAIN if self._is_uncertain else states.DRIVING
 
     @property
     def goal(self) -> Pose | None:
-        """The goal that is driven to, or held."""
+        """The goal to which the robot drives, or which it holds."""
         return self.goals_ahead[0] if self.goals_ahead else None
 
     @property
     def timeout(self) -> float:
-        """Time [s] within which the robot has to reach the present goal, or the whole path if the time is derived."""
-        return self._patience.timeout
+        """Time [s] allowed for the present goal; a derived time is for the whole path."""
+        return self._guard.timeout
 
     @property
     def elapsed(self) -> float:
         """Time [s] since the newest goal was accepted."""
-        return self._patience.age
+        return self._guard.age
 
     def distance_remaining(self) -> float:
-        """Return the length [m] of the straight lines through all goals that remain; 0 without a goal."""
+        """Return the length [m] of the straight lines through all remaining goals; 0 without a goal."""
         return 0.0 if self.pose is None else distance_along(self.pose, self.goals_ahead)
 
     @property
     def is_beyond_limits(self) -> bool:
-        """True if the last command exceeds a bound that was lowered while driving: the robot still brakes."""
+        """True if the last command exceeds a bound that was lowered while driving, so that the robot still brakes."""
         return is_beyond(self._command, self.data_sheet)
 
     def smallest_tolerance(self) -> tuple[float, float]:
@@ -174,7 +173,7 @@ class Supervisor:
         return smallest_tolerance(self.tolerance, self.uncertainty)
 
     def description(self) -> dict[str, str]:
-        """Return key-value pairs of the law's memory; if the law raises, the present goal ends at the next event."""
+        """Return the law's description of its memory; if the law raises an error, the goal ends at the next event."""
         try:
             with errors_of(self.law):
                 described = self.law.describe(self.memory, self.config.controller)
@@ -183,23 +182,23 @@ class Supervisor:
             self._failure = str(error)
             return {}
 
-    def _returns(self) -> bool:
-        """Return True if the robot has left a reached goal and drives back."""
+    def _is_returning(self) -> bool:
+        """Return True if the robot has left a held goal and drives back."""
         is_outside = self.report is not None and self.report.rho > self.tolerance.xy_goal_tolerance
         return is_outside and not is_at_rest(self._command, self.data_sheet)
 
     def on_goal(self, goal: Pose, request: GoalRequest = ANONYMOUS) -> None:
-        """Drive to ``goal`` (in the frame of the poses) from the next pose on; it replaces an earlier goal or path."""
+        """Drive to ``goal`` (in the frame of the poses) from the next pose on; replace an earlier goal or path."""
         self._accept([goal], request, 0, 0)
 
     def on_path(self, goals: list[Pose], request: GoalRequest = ANONYMOUS) -> None:
-        """Drive to at least one goal, to one after the other; the robot holds the last goal."""
+        """Drive to each of the goals in turn, and hold the last one; there is at least one."""
         self._accept(goals, request, 1, len(goals))
 
     def on_goal_update(self, goal: Pose) -> None:
-        """Correct the last goal of the path, or the only goal, while the law keeps its memory.
+        """Correct the only goal, or the last goal of the path; the law keeps its memory.
 
-        A goal that was answered is not corrected.
+        A goal that has ended is not corrected.
 
         Raises:
             BadMessageError: if ``goal`` (in the frame of the poses) is too far from the present goal.
@@ -216,12 +215,12 @@ class Supervisor:
         self.goals_ahead[-1] = goal
         self.updates += 1
 
-    def on_cancel(self) -> Twist | None:
-        """Drop the goal, if there is one, and start to brake at once, without waiting for a pose."""
+    def on_cancel(self, reason: str = "") -> Twist | None:
+        """Cancel the goal, if there is one, and start to brake without waiting for a pose; ``reason`` says by whom."""
         if self.state not in WITH_GOAL:
             return None
         self.waypoint = self.waypoints = 0
-        self.goals.cancel()
+        self.goals.cancel(reason)
         command = self._follow(GoalEvent.CANCEL)
         # In lock-step each pose has exactly one answer.
         return None if self.config.publish_when_idle else command
@@ -234,9 +233,9 @@ class Supervisor:
         Args:
             stamp: [ns] time to which the pose belongs.
             now: [s] time of arrival, on the clock of :meth:`on_tick`.
-            pose: in the frame of the goals.
-            uncertainty: of the pose; by default the pose is assumed exact.
-            steady: [s] the same on the steady clock; nan without one.
+            pose: pose in the frame of the goals.
+            uncertainty: uncertainty of the pose; by default the pose is assumed exact.
+            steady: [s] time of arrival on the steady clock; nan without one.
         """
         self._pass_time(now, steady)
         dt = self.clock.on_pose(stamp)
@@ -246,29 +245,29 @@ class Supervisor:
             scale = self.config.uncertainty_scale
             self.pose, self.uncertainty = pose, Uncertainty(scale * uncertainty.xy, scale * uncertainty.theta)
             self._waits = self.is_stale = False
-            elsewhere = self._reason_to_let_go(pose)
-            command = self._follow(GoalEvent.ELSEWHERE if elsewhere else GoalEvent.POSE, elsewhere, dt)
+            release = self._reason_to_release(pose)
+            command = self._follow(GoalEvent.ELSEWHERE if release else GoalEvent.POSE, release, dt)
         is_due = self.clock.advances and self.config.publish_when_idle
         return STOP if command is None and is_due else command
 
-    def on_tick(self, now: float, steady: float = math.nan, is_unfit: bool = False) -> Twist | None:
+    def on_tick(self, now: float, steady: float = math.nan, must_stop: bool = False) -> Twist | None:
         """Count the time; return zero if the robot may be moving and no pose arrived within ``pose_timeout``.
 
         Args:
-            now: [s] on the clock of :meth:`on_pose`.
+            now: [s] time on the clock of :meth:`on_pose`.
             steady: [s] time on the steady clock; nan without one.
-            is_unfit: the robot must not move, because the clock of the poses is unreliable.
+            must_stop: True if the robot must not move, because the clock of the poses is unreliable.
         """
         self._pass_time(now, steady)
         lost = self.config.pose_lost_timeout
         command = None
         if 0.0 < lost <= self.clock.silence:
             command = self._follow(GoalEvent.LOST, f"no pose for pose_lost_timeout = {lost:g} s")
-        return command or self._stop_if_overdue(is_unfit)
+        return command or self._stop_if_overdue(must_stop)
 
-    def on_stop(self) -> None:
+    def on_stop(self, reason: str) -> None:
         """End the present goal as cancelled, because the node stops; the node itself sends zero."""
-        self._follow(GoalEvent.STOP)
+        self._follow(GoalEvent.STOP, reason)
         self.reason, self.has_failed = "", False
 
     def give_up(self, reason: str) -> None:
@@ -276,7 +275,7 @@ class Supervisor:
         self._follow(GoalEvent.HOPELESS, reason)
 
     def on_fault(self, reason: str, dt: float = 0.0) -> Twist | None:
-        """End the present goal because of an error, and brake for ``dt`` [s] from the last command on."""
+        """End the present goal because of an error, and brake from the last command, which was ``dt`` [s] ago."""
         self.has_failed = True
         return self._follow(GoalEvent.FAULT, reason, dt)
 
@@ -285,10 +284,10 @@ class Supervisor:
         self._since_command = min(self._since_command + passed, MAX_STEP)
         self._since_step = min(self._since_step + passed, MAX_STEP)
         if self.goals.present is not None:
-            self._patience.pass_time(passed)
+            self._guard.pass_time(passed)
             if self.clock.suspension > SUSPENSION:
                 self.give_up(f"the controller was suspended for {self.clock.suspension:.1f} s")
-            elif reason := self._patience.reason_of_time():
+            elif reason := self._guard.timeout_reason():
                 self.give_up(reason)
         if self._failure and self.state in WITH_GOAL:
             self.on_fault(self._failure)
@@ -296,25 +295,26 @@ class Supervisor:
 
     def _is_overdue(self) -> bool:
         # In lock-step the plant waits for the answer, however long it takes in real time.
-        waits = self.clock.is_simulated and self.config.publish_when_idle
-        return self.clock.is_overdue(self.config.pose_timeout, not waits)
+        is_lockstep = self.clock.is_simulated and self.config.publish_when_idle
+        return self.clock.is_overdue(self.config.pose_timeout, not is_lockstep)
 
-    def _stop_if_overdue(self, is_unfit: bool = False) -> Twist | None:
+    def _stop_if_overdue(self, must_stop: bool = False) -> Twist | None:
         is_needed = self._zeros_due > 0 or self.state is not State.IDLE
-        if is_needed and self.clock.has_pose and (is_unfit or self._is_overdue()):
+        if is_needed and self.clock.has_pose and (must_stop or self._is_overdue()):
             return self._follow(GoalEvent.OVERDUE)
         return None
 
-    def _reason_to_let_go(self, pose: Pose) -> str:
-        """Return why the robot stops to hold its goal; empty if it goes on, or holds no goal."""
+    def _reason_to_release(self, pose: Pose) -> str:
+        """Return why the robot stops holding its goal; empty if it continues, or does not hold a goal."""
         if self.state is not State.HOLDING or self.goal is None:
             return ""
         bound = max(self.config.hold_distance, 2.0 * self.tolerance.xy_goal_tolerance)
-        found = math.hypot(pose.x - self.goal.x, pose.y - self.goal.y)
-        return f"found {found:.2f} m from the held goal: hold_distance = {bound:g} m" if found > bound else ""
+        distance = math.hypot(pose.x - self.goal.x, pose.y - self.goal.y)
+        text = f"the robot was found {distance:.2f} m from the held goal: hold_distance = {bound:g} m"
+        return text if distance > bound else ""
 
     def _follow(self, event: GoalEvent, reason: str = "", dt: float = 0.0) -> Twist | None:
-        """Change to the state of the table, answer the goal, and return the command of the transition."""
+        """Change to the state of the table, end the goal if the table says so, and return the command."""
         transition = TABLE[self.state].get(event)
         if transition is None:
             return None
@@ -323,7 +323,7 @@ class Supervisor:
             reason = "; ".join(filter(None, (reason, self.problem)))
         self.is_stale = self.is_stale or event is GoalEvent.OVERDUE
         if transition.answer:
-            self.goals.close(transition.answer, reason, self._patience.age)
+            self.goals.close(transition.answer, reason, self._guard.age)
         self._text = transition.text or self._text
         if self.state not in WITH_GOAL:
             self.reason = reason or self.reason
@@ -334,8 +334,8 @@ class Supervisor:
     def _command_for(self, command: Reaction, dt: float) -> Twist | None:
         if command is Reaction.LAW:
             if self.state is State.DRIVING and self.pose is not None:
-                self._pass_goals(goals_passed(self.pose, self.goals_ahead, self.config.waypoint_radius))
-            # Without a goal the law has just failed at the next goal of the path.
+                self._skip_goals(goals_passed(self.pose, self.goals_ahead, self.config.waypoint_radius))
+            # There is no goal if the law has just failed to begin the next goal of the path.
             return self._brake(dt) if self.goal is None else self._take_step(self.goal, dt)
         if command is Reaction.BRAKE:
             return self._brake(dt)
@@ -355,7 +355,7 @@ class Supervisor:
         self._since_step = 0.0
         distance = distance_along(self.pose or goals[0], goals)
         option, is_known = self.config.goal_timeout, self.pose is not None
-        self._patience.accept(option, distance, len(goals), self.data_sheet, is_known, is_replanned)
+        self._guard.accept(option, distance, len(goals), self.data_sheet, is_known, is_replanned)
         self._begin_goal()
 
     def _begin_goal(self) -> None:
@@ -367,12 +367,12 @@ class Supervisor:
         except LawError as error:
             self.on_fault(str(error))
 
-    def _pass_goals(self, number: int) -> None:
-        """Skip ``number`` goals of the path and turn to the goal after them."""
+    def _skip_goals(self, number: int) -> None:
+        """Drop the first ``number`` goals ahead, and begin the goal after them."""
         if number:
             self.waypoint += number
             self.goals_ahead = self.goals_ahead[number:]
-            self._patience.next_goal()
+            self._guard.next_goal()
             self._begin_goal()
 
     def _take_step(self, goal: Pose, dt: float) -> Twist | None:
@@ -387,19 +387,19 @@ class Supervisor:
         self.data_sheet, self.tolerance = step.data_sheet, step.tolerance
         self._command, self._since_command = step.command, 0.0
         if self.state is State.DRIVING:
-            self._judge_step(step.report, step.hopeless)
+            self._check_step(step.report, step.reason_to_give_up)
         self._since_step = 0.0
         return step.command
 
-    def _judge_step(self, report: Report, hopeless: str) -> None:
-        """Detect that the goal is reached or hopeless."""
+    def _check_step(self, report: Report, reason_of_law: str) -> None:
+        """Detect that the goal is reached, or is to be given up."""
         reached, is_last = bool(self.memory.reached), len(self.goals_ahead) == 1
         self.goals_reached += reached
         if reached and is_last:
             self._follow(GoalEvent.REACHED if self.config.hold_goal else GoalEvent.RELEASE)
         elif reached:
-            self._pass_goals(1)
-        elif reason := self._reason_to_give_up(report) or hopeless:
+            self._skip_goals(1)
+        elif reason := self._reason_to_give_up(report) or reason_of_law:
             self._follow(GoalEvent.HOPELESS, reason)
 
     def _reason_to_give_up(self, report: Report) -> str:
@@ -407,11 +407,11 @@ class Supervisor:
         is_near = goals == 1 and distance <= _NEAR_TOLERANCES * tolerance.xy_goal_tolerance
         is_at_rest_there = (is_near or report.region == OMEGA_L) and is_at_rest(self._command, self.data_sheet)
         self._is_uncertain = is_at_rest_there and not is_knowable(tolerance, self.uncertainty)
-        way = Way(distance, goals, is_near, is_at_rest_there)
-        reason = self._patience.reason_to_give_up(self._since_step, way, self.config.goal_timeout, self.data_sheet)
+        path = RemainingPath(distance, goals, is_near, is_at_rest_there)
+        reason = self._guard.reason_to_give_up(self._since_step, path, self.config.goal_timeout, self.data_sheet)
         if reason and self._is_uncertain:
             xy, theta = self.smallest_tolerance()
-            return f"the estimate is too uncertain: smallest possible tolerance {xy:.3g} m and {theta:.3g} rad"
+            return f"the estimate is too uncertain: the smallest possible tolerances are {xy:.3g} m and {theta:.3g} rad"
         return reason
 
     def _brake(self, dt: float) -> Twist | None:

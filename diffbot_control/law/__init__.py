@@ -1,15 +1,15 @@
-"""The control laws, their regions, limits and goal checker as pure functions of floats.
+"""The control laws, their regions, limits and goal checker, as pure functions of floats.
 
 One step of this project's law, with its memory as argument and result::
 
     from diffbot_control.law import CONTACT_UNKNOWN, Observation, SwitchingConfig, new_memory, step
-    from diffbot_core import Estimate, Uncertainty
+    from diffbot_core.uncertainty import Estimate, Uncertainty
 
     estimate = Estimate(pose, Uncertainty(0.02, 0.01))
     observation = Observation(estimate, 0.1, 0.1, CONTACT_UNKNOWN)
     memory, command, report = step(new_memory(), observation, goal, SwitchingConfig())
 
-:mod:`diffbot_control.goals` adds goals, paths and timeouts. Nothing here needs more than ``math``.
+:mod:`diffbot_control.goals` adds goals, paths and timeouts. The laws compute with ``math`` alone.
 """
 
 from diffbot_control.law.configuration import PaperConfig, PaperGains, SwitchingConfig

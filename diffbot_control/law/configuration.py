@@ -19,12 +19,12 @@ class SwitchingConfig(NamedTuple):
     data_sheet: DataSheet = DataSheet()
     tolerance: GoalTolerance = GoalTolerance()
     allow_backward: Annotated[bool, _ALLOW_BACKWARD] = True
-    symmetric_yaw_tolerance: Annotated[bool, Spec("the opposite heading at the goal is as good")] = False
+    symmetric_yaw_tolerance: Annotated[bool, Spec("the heading at the goal may also be opposite to the goal's")] = False
     sigma_known: Annotated[
         float,
         Spec(
-            "a position less certain than this, or than 0.3 of xy_goal_tolerance if that is more, is approached more "
-            "slowly: the reaction time of the speed grows with the square",
+            "standard deviation of the position above which the robot approaches more slowly; at least 0.3 of "
+            "xy_goal_tolerance. The reaction time of the speed grows with the square of the deviation",
             "m",
             1e-4,
             10.0,
@@ -34,9 +34,10 @@ class SwitchingConfig(NamedTuple):
 
 @known_fields
 class PaperGains(NamedTuple):
-    """Gains of the laws (13) and (17); the defaults are those of section 4.1 of the paper.
+    """Gains of the laws (13) and (17); the defaults are the values of section 4.1 of the paper.
 
-    k = 2 lambda, h = (lambda / gamma)^2 puts a double pole at -lambda near the goal, see docs/explanation/law.md.
+    With k = 2 lambda and h = (lambda / gamma)^2, the loop near the goal has a double pole at -lambda; see
+    docs/explanation/law.md.
     """
 
     gamma: Annotated[float, Spec("gamma, bound of |v|", "m/s", *SPEED)] = 1.3
@@ -63,7 +64,7 @@ class PaperConfig(NamedTuple):
     eps_P_leave: Annotated[float, Spec("Omega_L is left above this distance", "m", *DISTANCE)] = 0.6
 
     def check(self) -> None:
-        """Refuse a leaving radius below the entering radius, with which the region would alternate.
+        """Refuse a leaving radius below the entering radius, because the region would alternate.
 
         Raises:
             InvalidValueError: naming both radii.

@@ -1,8 +1,8 @@
-"""Docking: to a staging pose on the dock's axis by the switching law, then along the axis until contact.
+"""The law ``docking``: drive to a staging pose with the law ``switching``, then along the dock's axis until contact.
 
-Poses and goals are in the dock's frame, see :mod:`docking_axis`. A goal at the origin means contact, and a goal on the
-axis before it means to undock. During the approach the predicted errors at contact decide whether the robot goes on, or
-drives out along the axis and tries again.
+Poses and goals are in the dock's frame, see :mod:`docking_axis`. A goal at the origin means to dock, and a goal on the
+axis before the origin means to undock. During the approach, the predicted errors at contact decide whether the robot
+continues, or retreats along the axis and tries again.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ from diffbot_control.law.docking_axis import (
     APPROACH_LENGTH,
     CORRIDOR,
     STRAIGHT_LENGTH,
-    Arrival,
+    ContactError,
     DockingConfig,
     along_axis,
-    arrival,
     axis_lyapunov,
-    fits,
+    contact_error,
     hold_heading,
     is_certain,
     is_inside,
+    is_within,
     leading,
     pose_on_axis,
 )
@@ -45,42 +45,42 @@ PHASE_NAMES = ("staging", "approaching", "retreating", "docked", "failed", "undo
 _ENTRY = 0.4
 """largest predicted error at which the approach begins, as a share of the tolerances"""
 _REST = 1.0
-"""[s] at the staging pose without an approach, after which the robot drives out along the axis to align"""
-_STALL_TIME, _STALL_WAY, _STALL_STEP = 0.7, 0.01, 0.1
-"""The robot stands against the dock if it came no closer than _STALL_WAY [m] in _STALL_TIME [s]; one pose counts for at
-most _STALL_STEP [s]."""
+"""[s] time at rest at the staging pose after which the robot retreats along the axis to align itself"""
+_STALL_TIME, _STALL_DISTANCE, _STALL_STEP = 0.7, 0.01, 0.1
+"""The robot stands against the dock if it moves less than _STALL_DISTANCE [m] towards it in _STALL_TIME [s]. The time
+between two poses counts as at most _STALL_STEP [s]."""
 _MARGIN, _ALIGNING = 0.05, 0.5
-"""[m] distance behind the staging pose at which a retreat ends: after an approach that was broken off inside the
-corridor, and after a rest or an approach beside the axis"""
+"""[m] distance behind the staging pose at which a retreat ends. The first is for an approach that was broken off in the
+corridor, the second for a rest at the staging pose or an approach that was broken off outside the corridor."""
 _COMMIT_TIMEOUT = 4.0
-"""[s] time that the robot waits at commit_distance for certainty, or at the dock for its switch, before a retreat"""
+"""[s] longest time that the robot waits, at commit_distance for certainty and at the dock for its switch"""
 _LEAVE = 1.5
-"""multiple of the corridor's bound at which the robot leaves it, so that a noisy pose starts one approach, not many"""
-_OUT_LENGTHS = 4.0
-"""length in which a lateral error decays on the way out, as a multiple of lambda"""
+"""bound of the corridor during an approach, as a multiple of CORRIDOR: a hysteresis against noisy poses"""
+_RETREAT_LENGTHS = 4.0
+"""length over which a lateral error decays during a retreat, as a multiple of lambda"""
 _NEAR = 0.2
 """[m] largest distance behind the staging pose at which an approach may begin"""
 _WAITING = 0.01
-"""[m] distance before commit_distance from which on the robot counts as waiting"""
+"""[m] distance before commit_distance at which the robot starts to count as waiting"""
 _BRAKE_SHARE = 0.5
 """share of the acceleration limit that the speed along the axis uses"""
 _ON_AXIS, _ALONG_AXIS, _UNDOCKED = 0.01, 0.02, 0.02
-"""[m] across, [rad], [m] along: tolerances of a goal on the axis, and of the end of a drive along it"""
+"""[m] lateral, [rad], [m] along the axis: tolerances of a goal on the axis, and of the end of a drive along it"""
 
 
 class Stage(NamedTuple):
-    """State of the docking."""
+    """Phase of the docking, with its counters."""
 
     phase: int
     tries: int
     """number of approaches that were broken off"""
     committed: bool
-    """the robot goes on even if it does not detect the dock"""
+    """the robot continues even if the estimate becomes uncertain"""
     wait: float
-    """[s] time at rest at the staging pose, waiting for certainty, or without progress near contact"""
+    """[s] time at rest at the staging pose, time of waiting for certainty, or time without progress near contact"""
     nearest: float
-    """[m] smallest distance so far near contact"""
-    out: float
+    """[m] smallest distance from contact so far"""
+    retreat: float
     """[m] distance from the dock at which a retreat ends"""
 
 
@@ -91,13 +91,13 @@ class DockingMemory(NamedTuple):
     command: Twist
     actuation: Actuation
     drive: SwitchingMemory
-    """memory of the law that drives to the staging pose"""
+    """memory of the law ``switching``, which drives to the staging pose"""
     reached: bool
     """the robot is docked, or undocked"""
 
 
 class StageInput(NamedTuple):
-    """Input of the next stage; poses are those of the leading end, in the dock's frame."""
+    """Input for the next stage. Poses are in the dock's frame, as :func:`leading` returns them."""
 
     now: Pose
     rest: Pose
@@ -107,13 +107,13 @@ class StageInput(NamedTuple):
     dt: float
     stands: bool
     """the robot rests at the staging pose"""
-    out: float
-    """[m] distance of the goal before the dock"""
+    goal_distance: float
+    """[m] distance of the goal from the dock"""
     gains: Gains
 
 
-def _begin(phase: int, tries: int, out: float = 0.0) -> Stage:
-    return Stage(phase, tries, False, 0.0, math.inf, out)
+def _begin(phase: int, tries: int, retreat: float = 0.0) -> Stage:
+    return Stage(phase, tries, False, 0.0, math.inf, retreat)
 
 
 def new_docking_memory(config: DockingConfig) -> DockingMemory:
@@ -124,10 +124,10 @@ def new_docking_memory(config: DockingConfig) -> DockingMemory:
 def docking_step(
     memory: DockingMemory, observation: Observation, goal: Pose, config: DockingConfig
 ) -> tuple[DockingMemory, Twist, Report]:
-    """Drive towards contact, or out along the axis, for one period; see :meth:`Law.step`.
+    """Dock or undock for one period; see :meth:`Law.step`.
 
-    Pose and goal are in the dock's frame; a goal neither at its origin nor on the axis before it fails. At the goal, or
-    after the last try, the command is zero.
+    Pose and goal are in the dock's frame. A goal fails if it is neither at the origin nor on the axis before it. The
+    command is zero at the goal and after the last approach.
     """
     sheet, estimate, dt = config.drive.data_sheet, observation.estimate, observation.dt
     if not math.isfinite(estimate.pose.x + estimate.pose.y + estimate.pose.theta):
@@ -138,23 +138,23 @@ def docking_step(
     if not is_immediate(sheet):
         coasted = coast(estimate.pose, memory.actuation, memory.command, dt, sheet)
         actuation, rest = coasted.actuation, coasted.pose
-    pose, out, gains = leading(rest, config), -leading(goal, config).x, gains_of(sheet, observation.period)
+    pose, gains = leading(rest, config), gains_of(sheet, observation.period)
+    goal_distance = -leading(goal, config).x
     stands = memory.drive.switching.region == OMEGA_L and memory.command.v == 0.0 and memory.command.omega == 0.0
-    given = StageInput(
-        leading(estimate.pose, config), pose, estimate.uncertainty, observation.contact, dt, stands, out, gains
-    )
+    present = leading(estimate.pose, config)
+    given = StageInput(present, pose, estimate.uncertainty, observation.contact, dt, stands, goal_distance, gains)
     stage = memory.stage
     if stage.phase == STAGING and not _is_contact(goal):
-        stage = _begin(UNDOCKING if _is_undocked(goal, out) else FAILED, stage.tries)
+        stage = _begin(UNDOCKING if _is_undocked(goal, goal_distance) else FAILED, stage.tries)
     stage = _next_stage(stage, given, config)
     drive = memory.drive if stage.phase == memory.stage.phase else new_memory()
     if stage.phase == STAGING:
-        # After a new goal, or after a command that was limited, only this memory has the present motion.
-        begun = with_motion(drive, memory.command, memory.actuation)
+        # The memory of the drive may be older than the motion, after a new goal or a command of the supervisor.
+        moving = with_motion(drive, memory.command, memory.actuation)
         staging = pose_on_axis(config.staging_distance, config.dock_backward)
-        drive, command, report = switching_step(begun, observation, staging, config.drive)
+        drive, command, report = switching_step(moving, observation, staging, config.drive)
         return DockingMemory(stage, command, drive.actuation, drive, False), command, report
-    requested = limit_velocity(_requested(stage, pose, out, gains, config), sheet)
+    requested = limit_velocity(_requested(stage, pose, goal_distance, gains, config), sheet)
     if config.dock_backward:
         requested = Twist(-requested.v, requested.omega)
     command = limit_change(requested, memory.command, dt, sheet)
@@ -170,35 +170,34 @@ def _is_contact(goal: Pose) -> bool:
     return abs(goal.x) <= _UNDOCKED and abs(goal.y) <= _ON_AXIS and abs(goal.theta) <= _ALONG_AXIS
 
 
-def _is_undocked(goal: Pose, out: float) -> bool:
-    return out > _UNDOCKED and abs(goal.y) <= _ON_AXIS and abs(goal.theta) <= _ALONG_AXIS
+def _is_undocked(goal: Pose, goal_distance: float) -> bool:
+    return goal_distance > _UNDOCKED and abs(goal.y) <= _ON_AXIS and abs(goal.theta) <= _ALONG_AXIS
 
 
 def _next_stage(stage: Stage, given: StageInput, config: DockingConfig) -> Stage:
-    """Return the next stage from the present pose, and from the pose in which the robot would come to rest."""
     phase, distance = stage.phase, -given.rest.x
     if phase == STAGING:
         return _next_staging(stage, given, config)
     if phase == APPROACHING:
         return _next_approach(stage, given, config)
-    if phase == RETREATING and distance >= stage.out - _UNDOCKED:
+    if phase == RETREATING and distance >= stage.retreat - _UNDOCKED:
         return _begin(FAILED if stage.tries >= config.dock_tries else STAGING, stage.tries)
-    if phase == UNDOCKING and distance >= given.out - _UNDOCKED:
+    if phase == UNDOCKING and distance >= given.goal_distance - _UNDOCKED:
         return _begin(UNDOCKED, stage.tries)
     return stage
 
 
 def _next_staging(stage: Stage, given: StageInput, config: DockingConfig) -> Stage:
     rest = given.rest
-    at_contact = abs(rest.x) <= STRAIGHT_LENGTH and fits(Arrival(rest.y, rest.theta), 1.0, config)
+    at_contact = abs(rest.x) <= STRAIGHT_LENGTH and is_within(ContactError(rest.y, rest.theta), 1.0, config)
     if given.contact == CONTACT and at_contact:
         return _begin(DOCKED, stage.tries)  # already docked
     near = STRAIGHT_LENGTH < -rest.x <= config.staging_distance + _NEAR
-    if near and is_inside(rest, 1.0) and fits(arrival(rest, config), _ENTRY, config):
+    if near and is_inside(rest, 1.0) and is_within(contact_error(rest, config), _ENTRY, config):
         return _begin(APPROACHING, stage.tries)
     wait = stage.wait + given.dt if given.stands else 0.0
     if wait > _REST:
-        # From there it returns to the staging pose in motion, through the corridor.
+        # The robot returns to the staging pose in motion and on the axis, so it comes through the corridor.
         return _begin(RETREATING, stage.tries, config.staging_distance + _ALIGNING)
     return Stage(STAGING, stage.tries, False, wait, math.inf, 0.0)
 
@@ -206,38 +205,36 @@ def _next_staging(stage: Stage, given: StageInput, config: DockingConfig) -> Sta
 def _next_approach(stage: Stage, given: StageInput, config: DockingConfig) -> Stage:
     now, rest = given.now, given.rest
     if -now.x <= STRAIGHT_LENGTH and (stage.committed or config.commit_distance <= STRAIGHT_LENGTH):
-        return _touching(stage, given, config)
-    at, distance = arrival(rest, config), -rest.x
+        return _near_contact(stage, given, config)
+    error, distance = contact_error(rest, config), -rest.x
     inside = is_inside(rest, _LEAVE)
-    # A contact so far from the dock is a contact with something else, or the pose is wrong.
-    goes_beside = given.contact == CONTACT or not (inside and fits(at, 1.0, config))
-    if (goes_beside and distance > STRAIGHT_LENGTH) or stage.wait > _COMMIT_TIMEOUT:
+    # A contact so far from the dock means that the robot touches something else, or that the pose is wrong.
+    will_miss = given.contact == CONTACT or not (inside and is_within(error, 1.0, config))
+    if (will_miss and distance > STRAIGHT_LENGTH) or stage.wait > _COMMIT_TIMEOUT:
         return _broken_off(stage, inside, config)
-    # Beyond this distance the robot can still stop at commit_distance.
-    braking_way = config.dock_speed * (given.gains.react + 0.5 * config.dock_speed / _brake(given.gains, config))
-    if stage.committed or distance > config.commit_distance + braking_way:
+    braking_distance = config.dock_speed * (given.gains.react + 0.5 * config.dock_speed / _brake(given.gains, config))
+    if stage.committed or distance > config.commit_distance + braking_distance:
         return stage
-    committed = is_certain(at, distance, given.uncertainty, config)
+    committed = is_certain(error, distance, given.uncertainty, config)
     is_there = not committed and distance <= config.commit_distance + _WAITING
     wait = stage.wait + given.dt if is_there else 0.0
-    return Stage(APPROACHING, stage.tries, committed, wait, math.inf, stage.out)
+    return Stage(APPROACHING, stage.tries, committed, wait, math.inf, stage.retreat)
 
 
 def _broken_off(stage: Stage, inside: bool, config: DockingConfig) -> Stage:
-    out = config.staging_distance + (_MARGIN if inside else _ALIGNING)
-    return _begin(RETREATING, stage.tries + 1, out)
+    retreat = config.staging_distance + (_MARGIN if inside else _ALIGNING)
+    return _begin(RETREATING, stage.tries + 1, retreat)
 
 
-def _touching(stage: Stage, given: StageInput, config: DockingConfig) -> Stage:
-    """Return the next stage on the last centimetres: the robot touches the dock, stands against it, or is beyond it.
+def _near_contact(stage: Stage, given: StageInput, config: DockingConfig) -> Stage:
+    """Return the next stage on the last centimetres of an approach.
 
-    Without a switch, standing counts as contact. With an open switch, the robot stands against something else or its
-    odometry is wrong, so it backs off and tries again.
+    Without a switch, a robot that stands near the dock counts as docked. If a switch reports no contact, the robot
+    stands against something else or its odometry is wrong, so it retreats and tries again.
     """
     distance = -given.now.x
-    # A gap between two poses does not mean that the robot stands.
     wait, nearest = stage.wait + min(given.dt, _STALL_STEP), stage.nearest
-    if distance < nearest - _STALL_WAY:
+    if distance < nearest - _STALL_DISTANCE:
         wait, nearest = 0.0, distance
     stands = wait > _STALL_TIME and distance <= config.press_distance
     is_beyond = distance <= -config.press_distance
@@ -245,16 +242,15 @@ def _touching(stage: Stage, given: StageInput, config: DockingConfig) -> Stage:
         return _begin(DOCKED, stage.tries)
     if is_beyond or wait > _COMMIT_TIMEOUT:
         return _broken_off(stage, True, config)
-    return Stage(APPROACHING, stage.tries, True, wait, nearest, stage.out)
+    return Stage(APPROACHING, stage.tries, True, wait, nearest, stage.retreat)
 
 
-def _requested(stage: Stage, pose: Pose, out: float, gains: Gains, config: DockingConfig) -> Twist:
-    """Return the command on the axis for the leading end, before the limits."""
+def _requested(stage: Stage, pose: Pose, goal_distance: float, gains: Gains, config: DockingConfig) -> Twist:
+    """Return the command on the axis before the limits, for a robot that docks with its front."""
     phase, length, distance = stage.phase, APPROACH_LENGTH, -pose.x
-    if phase == RETREATING:
-        return along_axis(pose, -_speed_to(stage.out + _MARGIN - distance, gains, config), _OUT_LENGTHS * length)
-    if phase == UNDOCKING:
-        return along_axis(pose, -_speed_to(out - distance, gains, config), _OUT_LENGTHS * length)
+    if phase in (RETREATING, UNDOCKING):
+        end = stage.retreat + _MARGIN if phase == RETREATING else goal_distance
+        return along_axis(pose, -_speed_to(end - distance, gains, config), _RETREAT_LENGTHS * length)
     if phase != APPROACHING:
         return Twist(0.0, 0.0)
     v = min(config.dock_speed, config.contact_speed + _speed_to(distance - STRAIGHT_LENGTH, gains, config))
@@ -265,22 +261,21 @@ def _requested(stage: Stage, pose: Pose, out: float, gains: Gains, config: Docki
     return hold_heading(pose, v, length) if distance > STRAIGHT_LENGTH else Twist(v, 0.0)
 
 
-def _speed_to(way: float, gains: Gains, config: DockingConfig) -> float:
-    """Return the speed [m/s] along the axis from which the robot can stop within ``way`` [m]."""
-    if way <= 0.0:
+def _speed_to(distance: float, gains: Gains, config: DockingConfig) -> float:
+    """Return the speed [m/s] along the axis from which the robot can stop within ``distance`` [m]."""
+    if distance <= 0.0:
         return 0.0
-    speed = braking(way, _brake(gains, config), gains.react)
+    speed = braking(distance, _brake(gains, config), gains.react)
     # At least the smallest speed that moves the robot.
     return min(config.dock_speed, max(speed, config.drive.data_sheet.min_velocity))
 
 
 def _brake(gains: Gains, config: DockingConfig) -> float:
-    """Return the deceleration [m/s^2] of the speed along the axis."""
     return min(gains.brake, _BRAKE_SHARE * config.drive.data_sheet.a_max)
 
 
 class StagingLaw(Law):
-    """A law that first drives to a staging pose: its Config holds that of the law ``switching`` as ``drive``."""
+    """A law that first drives to a staging pose; ``drive`` in its Config is the configuration of this drive."""
 
     @staticmethod
     def data_sheet(config: Any) -> DataSheet:
@@ -305,15 +300,13 @@ class Docking(StagingLaw):
 
     @classmethod
     def memory_for_new_goal(cls, memory: Any, config: Any) -> DockingMemory:
-        """Return a new memory with the present motion, which the limits of acceleration and the latency need."""
+        """Return a new memory with the present motion, for the limits of acceleration and the prediction."""
         return new_docking_memory(config)._replace(command=memory.command, actuation=memory.actuation)
 
     @staticmethod
     def after_command(memory: Any, command: Twist, dt: float, config: Any) -> DockingMemory:
         """Update the motion."""
-        sheet, actuation = config.drive.data_sheet, memory.actuation
-        if dt > 0.0 and not is_immediate(sheet):
-            actuation = after_a_period(actuation, memory.command, dt, sheet)
+        actuation = after_a_period(memory.actuation, memory.command, dt, config.drive.data_sheet)
         after: DockingMemory = memory._replace(command=command, actuation=actuation)
         return after
 
@@ -324,10 +317,10 @@ class Docking(StagingLaw):
 
     @staticmethod
     def reason_to_give_up(memory: Any, config: Any) -> str:
-        """Return why the robot does not dock."""
+        """Give up after the last approach, or if the goal is not on the axis."""
         if memory.stage.phase != FAILED:
             return ""
         if memory.stage.tries == 0:
-            return "not at the dock nor on the axis before it"
-        causes = "beside the axis, too uncertain at commit_distance, or no contact where the dock should be"
+            return "the goal is neither the docked pose nor on the axis before the dock"
+        causes = "the robot was off the axis, too uncertain at commit_distance, or without contact at the dock"
         return f"{memory.stage.tries} approaches broken off: {causes}"

@@ -1,4 +1,4 @@
-"""Goal checker: decides if the robot rests, and if it has reached its goal."""
+"""Goal checker: decides whether the robot is at rest, and whether it has reached its goal."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from diffbot_core.uncertainty import CERTAIN, Uncertainty, disc_probability, int
 STOPPED_SPEED, STOPPED_TURN_RATE = 0.05, 0.1
 """[m/s], [rad/s] largest commands that count as rest"""
 _SOON = 3.0
-"""An answer is near if the probability of being outside is at most this multiple of the allowed probability."""
+"""A robot at rest will soon count as at the goal if the probability of being outside is at most this multiple of the
+allowed probability: the estimate still improves."""
 
 
 @known_fields
@@ -25,7 +26,7 @@ class GoalTolerance(NamedTuple):
     yaw_goal_tolerance: Annotated[float, Spec("heading error at which the heading is reached", "rad", *ANGLE)] = 0.1
     settling_steps: Annotated[
         int,
-        Spec("poses in a row that have to be within the tolerances", "-", minimum=1, maximum=100000),
+        Spec("number of consecutive poses that must be within the tolerances", "-", minimum=1, maximum=100000),
     ] = 5
     reached_probability: Annotated[
         float,
@@ -42,15 +43,15 @@ class Settling(NamedTuple):
     """Progress towards a reached goal."""
 
     steps_within: int
-    """poses in a row within the tolerances"""
+    """number of consecutive poses within the tolerances"""
     reached: bool
-    """True from the first answer until the next goal"""
+    """True from the time at which the goal was reached until the next goal"""
 
 
 def next_settling(before: Settling, inside: bool, tolerance: GoalTolerance) -> Settling:
-    """Return the progress after one more pose, which is ``inside`` the tolerances or not."""
+    """Return the progress after one more pose; ``inside`` is True if the pose is within the tolerances."""
     if not inside and before.steps_within == 0:
-        return before  # faster than a new tuple in most steps
+        return before  # most steps; faster than a new tuple
     steps_within = before.steps_within + 1 if inside else 0
     return Settling(steps_within, before.reached or steps_within >= tolerance.settling_steps)
 
@@ -72,16 +73,16 @@ def within(
 ) -> bool:
     """Return True if the robot rests, and its true pose is within the tolerances with ``reached_probability``.
 
-    The errors of position and heading count as independent. The error of the position counts as equally large along
-    both axes of its error ellipse, as large as along the longer axis.
+    The errors of position and heading are assumed independent. The standard deviation along the longer axis of the
+    position's error ellipse is used for both axes.
 
     Args:
         pose: estimate, in the goal's frame.
         rho: [m] distance from the goal.
-        command: of this step.
-        tolerance: of the goal.
-        data_sheet: of the robot.
-        uncertainty: of the estimate.
+        command: command of this step.
+        tolerance: tolerances of the goal.
+        data_sheet: thresholds of rest.
+        uncertainty: uncertainty of the estimate.
     """
     if rho > tolerance.xy_goal_tolerance or not is_at_rest(command, data_sheet):
         return False
@@ -97,12 +98,15 @@ def _probably_within(theta: float, rho: float, tolerance: GoalTolerance, uncerta
 
 
 def is_knowable(tolerance: GoalTolerance, uncertainty: Uncertainty) -> bool:
-    """Return True if an estimate with this uncertainty is within the tolerances if its mean is the goal."""
+    """Return True if an estimate with this uncertainty can count as reached: it does with the goal as its mean."""
     return _probably_within(0.0, 0.0, tolerance, uncertainty)
 
 
 def is_off(rho: float, tolerance: GoalTolerance, uncertainty: Uncertainty) -> bool:
-    """Return True if a robot ``rho`` [m] from the goal gets no answer soon by waiting, but would get it at the goal."""
+    """Return True if the position error ``rho`` [m] is significant.
+
+    That is, a robot that waits here will not soon count as at the goal, but a robot at the goal point would.
+    """
     radius, missing = tolerance.xy_goal_tolerance, 1.0 - tolerance.reached_probability
     if disc_probability(rho, uncertainty.xy, radius) >= 1.0 - _SOON * missing:
         return False
@@ -110,10 +114,10 @@ def is_off(rho: float, tolerance: GoalTolerance, uncertainty: Uncertainty) -> bo
 
 
 def smallest_tolerance(tolerance: GoalTolerance, uncertainty: Uncertainty) -> tuple[float, float]:
-    """Return the smallest position [m] and heading [rad] tolerance, each alone, that this uncertainty can meet.
+    """Return the smallest tolerances of position [m] and heading [rad], each considered alone, for this uncertainty.
 
-    The radius follows from P(distance <= r) = 1 - exp(-r^2 / (2 sigma^2)), and the bound of the heading from the normal
-    distribution by bisection.
+    The radius follows from P(distance <= r) = 1 - exp(-r^2 / (2 sigma^2)). The angle follows from the normal
+    distribution, by bisection.
     """
     rest = 1.0 - tolerance.reached_probability
     low, high = 0.0, 8.0

@@ -1,8 +1,9 @@
 """Dead time and lag: predict the pose in which the robot would come to rest, from the commands that still act.
 
-The law works with the *coasted pose*, in which the robot would come to rest if zero were commanded from now on. It
-follows a first-order lag behind a dead time, x' + lag x'' = command. In z = x + lag x' (after the dead time) that is
-z' = command: neither dead time nor lag remains in the loop, exactly on a line, and to first order on a curve.
+The drives are modelled as a first-order lag behind a dead time: x' + lag x'' = command. The law works with the *coasted
+pose*, in which the robot would come to rest if zero were commanded from now on. This is z = x + lag x', taken after the
+dead time, and z' = command. So neither dead time nor lag remains in the control loop. On a straight line this is exact,
+and on a curve it holds to first order.
 """
 
 from __future__ import annotations
@@ -16,18 +17,18 @@ from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import Estimate, Uncertainty
 
 SLOTS = 8
-"""Number of commands that are kept. At a fast rate or a long latency, neighbouring commands are merged into their mean,
-which moves the robot as far; any two neighbours span more than a quarter of the time that has to be covered."""
+"""Number of commands that are kept. If more commands are sent within the dead time, neighbouring commands are merged
+into their mean, which moves the robot as far. Any two neighbouring slots span more than a quarter of the dead time."""
 _SHORTEST = 1e-9
-"""[s] a shorter span is a rounding error"""
+"""[s] a shorter time is a rounding error"""
 _MOTION_ERROR = 0.05
-"""bound of the relative error of a commanded motion, which +-5 % per wheel causes"""
+"""bound of the relative error of a commanded motion, caused by +-5 % per wheel"""
 _STRAIGHT = 0.01
-"""[rad] if half the turn is smaller, sin(a) / a is computed from its series, which is exact to 1e-11"""
+"""[rad] below this angle sin(a) / a is computed from its series, which is exact to 1e-11 there"""
 
 
-class Held(NamedTuple):
-    """A command and the time for which it was in force."""
+class HeldTwist(NamedTuple):
+    """A command and the time for which it was held."""
 
     v: float
     """[m/s]"""
@@ -37,74 +38,74 @@ class Held(NamedTuple):
     """[s]"""
 
 
-_NOTHING = Held(0.0, 0.0, 0.0)
-UnderWay = tuple[Held, Held, Held, Held, Held, Held, Held, Held]
+_NOTHING = HeldTwist(0.0, 0.0, 0.0)
+CommandHistory = tuple[HeldTwist, HeldTwist, HeldTwist, HeldTwist, HeldTwist, HeldTwist, HeldTwist, HeldTwist]
 
 
 class Actuation(NamedTuple):
-    """Motion of the robot at the last pose, and commands before; the default is at rest."""
+    """Motion of the robot at the last pose, and the commands that may still act; the default is a robot at rest."""
 
     motion: Twist = Twist(0.0, 0.0)
-    """velocities by the model of the drives"""
-    under_way: UnderWay = (_NOTHING,) * SLOTS  # type: ignore[assignment]
-    """commands before the last one, the oldest first"""
+    """velocities according to the model of the drives"""
+    history: CommandHistory = (_NOTHING,) * SLOTS  # type: ignore[assignment]
+    """the commands except the last one, oldest first"""
 
 
 class Coasted(NamedTuple):
-    """Prediction of the pose at rest."""
+    """Prediction of the pose in which the robot would come to rest."""
 
     actuation: Actuation
     pose: Pose
-    way: float
-    """[m] length driven until then, forwards and backwards"""
-    turn: float
-    """[rad] angle turned until then, to the left and to the right"""
+    path_length: float
+    """[m] distance driven until then; forward and backward motion both count as positive"""
+    turned: float
+    """[rad] angle turned until then; left and right turns both count as positive"""
 
 
 def resting_actuation() -> Actuation:
     """Return the state at rest, with every field given, because compiled code does not know the defaults."""
-    none = Held(0.0, 0.0, 0.0)
+    none = HeldTwist(0.0, 0.0, 0.0)
     return Actuation(Twist(0.0, 0.0), (none, none, none, none, none, none, none, none))
 
 
 def is_immediate(data_sheet: DataSheet) -> bool:
-    """True if the robot has neither dead time nor lag."""
+    """Return True if the robot has neither dead time nor lag."""
     return data_sheet.command_latency <= 0.0 and data_sheet.drive_time_constant <= 0.0
 
 
-def remembered(under_way: UnderWay, command: Twist, dt: float, data_sheet: DataSheet) -> UnderWay:
-    """Add ``command``, which was in force for the last ``dt`` [s]."""
+def _with_command(history: CommandHistory, command: Twist, dt: float, data_sheet: DataSheet) -> CommandHistory:
+    """Add ``command``, which was held for the last ``dt`` [s]."""
     if dt <= 0.0:
-        return under_way
-    newest = under_way[SLOTS - 1]
+        return history
+    newest = history[SLOTS - 1]
     span = newest.span + dt
     if span > (data_sheet.command_latency + dt) * (2.0 / SLOTS):
-        return (*under_way[1:], Held(command.v, command.omega, dt))
+        return (*history[1:], HeldTwist(command.v, command.omega, dt))
     share = dt / span
-    joined = Held(
+    joined = HeldTwist(
         newest.v + share * (command.v - newest.v), newest.omega + share * (command.omega - newest.omega), span
     )
-    return (*under_way[:-1], joined)
+    return (*history[:-1], joined)
 
 
 def coast(pose: Pose, actuation: Actuation, command: Twist, dt: float, data_sheet: DataSheet) -> Coasted:
     """Predict where the robot comes to rest if zero is commanded from now on.
 
     Args:
-        pose: now.
-        actuation: result of the last pose.
-        command: the last command, in force for the last ``dt``.
+        pose: present pose.
+        actuation: actuation at the last pose.
+        command: last command, which was held for the last ``dt``.
         dt: [s] since the last pose.
         data_sheet: dead time and time constant.
     """
-    under_way = remembered(actuation.under_way, command, dt, data_sheet)
+    history = _with_command(actuation.history, command, dt, data_sheet)
     lag, latency = data_sheet.drive_time_constant, data_sheet.command_latency
-    motion = actuation.motion if lag <= 0.0 else _motion_after(actuation.motion, under_way, dt, data_sheet)
+    motion = actuation.motion if lag <= 0.0 else _motion_after(actuation.motion, history, dt, data_sheet)
     (v, omega), (x, y, theta) = motion, pose
-    way = turned = 0.0
-    first, skipped, _ = _since(under_way, latency)
+    path_length = turned = 0.0
+    first, skipped, _ = _command_at(history, latency)
     for index in range(first, SLOTS):
-        held_v, held_omega, span = under_way[index]
+        held_v, held_omega, span = history[index]
         span, skipped = span - skipped, 0.0
         forward, turn = held_v * span, held_omega * span
         if lag > 0.0:
@@ -112,7 +113,7 @@ def coast(pose: Pose, actuation: Actuation, command: Twist, dt: float, data_shee
             dv, domega, gone = v - held_v, omega - held_omega, lag * (1.0 - left)
             forward, turn = forward + dv * gone, turn + domega * gone
             v, omega = held_v + dv * left, held_omega + domega * left
-        # As _moved, written out because this loop runs at each pose.
+        # This is _moved, inlined because the loop runs at each pose.
         half = 0.5 * turn
         if half > _STRAIGHT or half < -_STRAIGHT:
             chord = forward * math.sin(half) / half
@@ -122,35 +123,40 @@ def coast(pose: Pose, actuation: Actuation, command: Twist, dt: float, data_shee
         x += chord * math.cos(middle)
         y += chord * math.sin(middle)
         theta += turn
-        way, turned = way + abs(forward), turned + abs(turn)
+        path_length, turned = path_length + abs(forward), turned + abs(turn)
     if lag > 0.0:
         x, y, theta = _moved(x, y, theta, v * lag, omega * lag)
-        way, turned = way + abs(v) * lag, turned + abs(omega) * lag
-    return Coasted(Actuation(motion, under_way), Pose(x, y, wrap_angle(theta)), way, turned)
+        path_length, turned = path_length + abs(v) * lag, turned + abs(omega) * lag
+    return Coasted(Actuation(motion, history), Pose(x, y, wrap_angle(theta)), path_length, turned)
 
 
-def _since(under_way: UnderWay, age: float) -> tuple[int, float, float]:
-    """Return index and elapsed time [s] of the command ``age`` [s] ago, and the time [s] before the first command."""
+def _command_at(history: CommandHistory, age: float) -> tuple[int, float, float]:
+    """Return the index of the command that was held ``age`` [s] ago, and for how long [s] it was held until then.
+
+    The third value is the part [s] of ``age`` before the first command of the history.
+    """
     first, missing = SLOTS, age
     while missing > _SHORTEST and first > 0:
         first -= 1
-        missing -= under_way[first].span
+        missing -= history[first].span
     return first, max(-missing, 0.0), max(missing, 0.0)
 
 
 def after_a_period(actuation: Actuation, command: Twist, dt: float, data_sheet: DataSheet) -> Actuation:
-    """Return the actuation one period later without a law, while the robot brakes; see :func:`coast`."""
+    """Return the actuation ``dt`` [s] later, for a robot that brakes without its law; see :func:`coast`."""
+    if dt <= 0.0 or is_immediate(data_sheet):
+        return actuation
     return coast(Pose(0.0, 0.0, 0.0), actuation, command, dt, data_sheet).actuation
 
 
-def _motion_after(motion: Twist, under_way: UnderWay, dt: float, data_sheet: DataSheet) -> Twist:
-    """Return the motion ``dt`` [s] after ``motion``; before the first command the robot rested."""
+def _motion_after(motion: Twist, history: CommandHistory, dt: float, data_sheet: DataSheet) -> Twist:
+    """Return the motion ``dt`` [s] after ``motion``; the robot was at rest before the first command."""
     lag = data_sheet.drive_time_constant
-    index, skipped, missing = _since(under_way, data_sheet.command_latency + dt)
+    index, skipped, missing = _command_at(history, data_sheet.command_latency + dt)
     v, omega = motion
     to_go = dt - missing
     while to_go > _SHORTEST and index < SLOTS:
-        held = under_way[index]
+        held = history[index]
         span = min(held.span - skipped, to_go)
         left = math.exp(-span / lag)
         v, omega = held.v + (v - held.v) * left, held.omega + (omega - held.omega) * left
@@ -169,16 +175,19 @@ def _moved(x: float, y: float, theta: float, forward: float, turn: float) -> tup
 
 
 def predicted(coasted: Coasted, uncertainty: Uncertainty) -> Estimate:
-    """Return the estimate of the coasted pose; the predicted motion has a relative error that is uniform in +-5 %."""
-    way, turn = coasted.way, coasted.turn
-    if way <= 0.0 and turn <= 0.0:
+    """Return the estimate of the coasted pose.
+
+    The relative error of the predicted motion is assumed uniform in +-5 %.
+    """
+    path_length, turned = coasted.path_length, coasted.turned
+    if path_length <= 0.0 and turned <= 0.0:
         return Estimate(coasted.pose, uncertainty)
     deviation = _MOTION_ERROR / math.sqrt(3.0)
-    along, across = deviation * way, uncertainty.theta * way
+    along, across = deviation * path_length, uncertainty.theta * path_length
     return Estimate(
         coasted.pose,
         Uncertainty(
             math.sqrt(uncertainty.xy * uncertainty.xy + along * along + across * across),
-            math.hypot(uncertainty.theta, deviation * turn),
+            math.hypot(uncertainty.theta, deviation * turned),
         ),
     )

@@ -1,6 +1,6 @@
-"""What a control law is, a base class with documented defaults, and how the supervisor calls any law.
+"""The base class of control laws with its defaults, and the guarded calls by which the supervisor uses any law.
 
-A law of one's own needs a configuration and two functions::
+A custom law needs a configuration and two functions::
 
     class MyLaw(Law):
         name = "my_law"
@@ -12,8 +12,8 @@ A law of one's own needs a configuration and two functions::
         @staticmethod
         def step(memory, observation, goal, config): ...
 
-All functions are pure and take the memory as an argument, so that a node, a simulation and compiled code can call the
-same ones. A law is never instantiated.
+All functions are pure, and take the memory as an argument. So the node, the simulation and compiled code call the same
+functions. A law is never instantiated.
 """
 
 from __future__ import annotations
@@ -35,31 +35,31 @@ from diffbot_core.uncertainty import Estimate
 
 STOP = Twist(0.0, 0.0)
 CONTACT_UNKNOWN, NO_CONTACT, CONTACT = -1, 0, 1
-"""Contact with the dock: nobody reports it; a switch is open; a switch is closed, or the charger supplies the robot."""
+"""Contact with the dock: not reported; reported as open; reported by a closed switch, or by a battery that charges."""
 
 
 class Observation(NamedTuple):
     """Input of a law's step, one for each pose."""
 
     estimate: Estimate
-    """pose of the robot in the frame of the goal, and its standard deviations"""
+    """pose of the robot in the frame in which the goal is given, and its standard deviations"""
     dt: float
-    """[s] since the last step; 0 at the first one"""
+    """[s] since the last step; 0 at the first step"""
     period: float
-    """[s] median time between two poses, which a single early or late pose does not change"""
+    """[s] median time between two poses; a single early or late pose does not change it"""
     contact: int
-    """with the dock, one of CONTACT_UNKNOWN, NO_CONTACT and CONTACT"""
+    """contact with the dock: CONTACT_UNKNOWN, NO_CONTACT or CONTACT"""
 
 
 class Report(NamedTuple):
     """Variables of a step for ~/navigation and the records.
 
-    With a latency they belong to the pose in which the robot would come to rest. A law gives nan for a variable that it
-    does not have, and Omega_G (0) if it has no regions.
+    If the data sheet has a dead time or a lag, the variables belong to the pose in which the robot would come to rest.
+    A law reports nan for a variable that it does not use, and Omega_G (0) if it has no regions.
     """
 
     rho: float
-    """[m] distance of the goal"""
+    """[m] distance to the goal"""
     alpha: float
     """[rad] bearing of the goal in the robot's frame"""
     beta: float
@@ -83,11 +83,11 @@ class Law:
     name: ClassVar[str]
     """name in messages and logs"""
     Config: ClassVar[type[Any]]
-    """NamedTuple of the parameters. Fields that carry a :class:`diffbot_core.schema.Spec` become ROS parameters of the
-    controller; each field has a default. It has the fields ``data_sheet: DataSheet`` and ``tolerance: GoalTolerance``,
-    unless the law overrides the functions of these names."""
+    """NamedTuple of the parameters; each field has a default. Fields that carry a :class:`diffbot_core.schema.Spec`
+    become ROS parameters of the controller. The fields ``data_sheet: DataSheet`` and ``tolerance: GoalTolerance`` are
+    required, unless the law overrides the functions of these names."""
     search_space: ClassVar[Mapping[str, tuple[float, float]]] = MappingProxyType({})
-    """parameters that ``diffbot benchmark tune`` tunes, within (low, high)"""
+    """parameters that ``diffbot benchmark tune`` varies, each within its range (low, high)"""
 
     @staticmethod
     def new_memory(config: Any) -> Any:
@@ -100,23 +100,23 @@ class Law:
 
     @staticmethod
     def step(memory: Any, observation: Observation, goal: Pose, config: Any) -> tuple[Any, Twist, Report]:
-        """Answer one pose.
+        """Compute the command for one pose.
 
         Args:
-            memory: result of the last step.
+            memory: memory that the last step returned.
             observation: pose of the robot, its uncertainty, and the time that has passed.
             goal: target pose, in the same frame.
             config: instance of ``Config``.
 
         Returns:
-            The next memory, the command [m/s], [rad/s], and the report. The caller keeps the command within the limits
-            of the data sheet; see :meth:`after_command`.
+            The next memory, the command [m/s], [rad/s], and the report. The supervisor limits the command to the data
+            sheet; see :meth:`after_command`.
         """
         raise NotImplementedError
 
     @staticmethod
     def data_sheet(config: Any) -> DataSheet:
-        """Return the limits of the robot, which every command has to keep. Default: ``config.data_sheet``."""
+        """Return the limits of the robot, for all its commands. Default: ``config.data_sheet``."""
         sheet: DataSheet = config.data_sheet
         return sheet
 
@@ -136,34 +136,34 @@ class Law:
 
     @staticmethod
     def after_command(memory: Any, command: Twist, dt: float, config: Any) -> Any:
-        """Return the memory after a command that the law did not give. Default: unchanged.
+        """Return the memory after the supervisor has sent a command of its own. Default: unchanged.
 
-        The supervisor calls it if it had to limit the command of a step (``dt`` is 0: the command replaces that of the
-        step), and for each command with which it brings the robot to rest (``dt`` [s] is the time since the command
-        before).
+        The supervisor calls this function in two cases. If it has limited the command of a step, ``dt`` is 0, and
+        ``command`` replaces the command of the step. If it brakes without the law, ``dt`` [s] is the time since the
+        previous command.
         """
         return memory
 
     @staticmethod
     def describe(memory: Any, config: Any) -> dict[str, str]:
-        """Return the key-value pairs of the memory that ~/status shows. Default: none."""
+        """Return key-value pairs about the memory, which ~/status shows. Default: none."""
         return {}
 
     @staticmethod
     def reason_to_give_up(memory: Any, config: Any) -> str:
-        """Return why the robot will not reach the goal, which ends the goal. Default: empty, the robot goes on."""
+        """Return why the robot will not reach the goal. A text ends the goal. Default: empty."""
         return ""
 
 
 class LawError(DiffbotError):
-    """A law raised an error, or its answer cannot be used."""
+    """A law raised an error, or returned something that cannot be used."""
 
 
-class errors_of:  # noqa: N801 - read as ``with errors_of(law):``; a generator would take longer at each step
-    """Turn an error of the law in the ``with`` block into a LawError of one line that names the place."""
+class errors_of:  # noqa: N801 - used as a function; a generator would be slower, and each step uses it
+    """Context in which an error of the law becomes a LawError, whose line names the type and the place of the error."""
 
     def __init__(self, law: type[Law]) -> None:
-        """Store the law, whose name the error contains."""
+        """Store the law, for its name."""
         self._law = law
 
     def __enter__(self) -> None:
@@ -180,14 +180,13 @@ class errors_of:  # noqa: N801 - read as ``with errors_of(law):``; a generator w
 
 
 class Step(NamedTuple):
-    """Result of a law's step."""
+    """Result of a step, with the command within the limits."""
 
     memory: Any
     command: Twist
-    """within the limits of the data sheet"""
     report: Report
-    hopeless: str
-    """why the law gives the goal up; empty if it goes on"""
+    reason_to_give_up: str
+    """why the law gives the goal up; empty if it continues"""
     data_sheet: DataSheet
     tolerance: GoalTolerance
 
@@ -197,33 +196,35 @@ def guarded_step(law: type[Law], memory: Any, observation: Observation, goal: Po
 
     Args:
         law: any law.
-        memory: of the law.
-        observation: of this step.
-        goal: in the frame of the estimate.
-        last: the previous command.
-        config: of the law.
+        memory: memory of the law.
+        observation: input of the step.
+        goal: target pose, in the frame of the estimate.
+        last: previous command.
+        config: configuration of the law.
 
     Raises:
-        LawError: if the law raises an error, or its answer is not finite or is not what :class:`Law` defines.
+        LawError: if the law raises an error, or its result is not finite or not as :class:`Law` defines it.
     """
     with errors_of(law):
         sheet, tolerance = law.data_sheet(config), law.tolerance(config)
         after, (v, omega), report = law.step(memory, observation, goal, config)
         command = Twist(float(v), float(omega))
         if not (math.isfinite(command.v) and math.isfinite(command.omega)):
-            raise LawError(f"law {law.name} failed: v = {v} m/s, omega = {omega} rad/s: must be finite")
+            raise LawError(f"law {law.name} failed: its command is not finite: v = {v} m/s, omega = {omega} rad/s")
         float(sum(report))  # raises if a variable is not a number
-        if after.reached not in (True, False) or len(report) != len(Report._fields):
-            raise LawError(f"law {law.name} failed: 'reached' or the report is not as the class Law says")
+        if after.reached not in (True, False):
+            raise LawError(f"law {law.name} failed: memory.reached is {after.reached!r}: must be True or False")
+        if len(report) != len(Report._fields):
+            raise LawError(f"law {law.name} failed: its report has {len(report)} of {len(Report._fields)} variables")
         bounded = limit_velocity(command, sheet) if is_beyond(command, sheet) else command
-        within = limit_change(bounded, last, observation.dt, sheet)
-        if within != command:
-            after = law.after_command(after, within, 0.0, config)
-        return Step(after, within, report, str(law.reason_to_give_up(after, config)), sheet, tolerance)
+        limited = limit_change(bounded, last, observation.dt, sheet)
+        if limited != command:
+            after = law.after_command(after, limited, 0.0, config)
+        return Step(after, limited, report, str(law.reason_to_give_up(after, config)), sheet, tolerance)
 
 
 def braking_step(law: type[Law], memory: Any, last: Twist, dt: float, config: Any) -> tuple[Any, Twist]:
-    """Return memory and command of one step of braking without a goal, ``dt`` [s] after the command ``last``.
+    """Brake without a goal: return memory and command ``dt`` [s] after the command ``last``.
 
     Raises:
         LawError: if the law raises an error.

@@ -1,7 +1,7 @@
 """Limits of the command: bounds of the velocities and of their changes, and the dead bands.
 
-There are two rules. The law of the paper scales v and omega by one factor, which keeps the curvature of the path. The
-law with braking profiles reduces the speed in favour of the steering, so that dV <= 0 still holds.
+The law of the paper scales v and omega by one factor, which keeps the curvature of the path. The law with braking
+profiles reduces the speed and keeps the steering, so that dV <= 0 still holds.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from diffbot_core.kinematics import Twist, wheel_speeds
 
 _INF = math.inf
 _LIFTED_SHARE = 0.4
-"""A command below this share of the dead band becomes zero, a larger one the smallest that moves the robot."""
+"""A velocity below this share of the dead band becomes zero. A larger one becomes the smallest that moves the robot."""
 _ROUNDING = 1.0 + 1e-12
-"""Factor of the bounds, so that a command on a bound does not count as beyond it."""
+"""Factor on the bounds, so that rounding does not put a command beyond its bound."""
 
 
 def limit_velocity(command: Twist, data_sheet: DataSheet) -> Twist:
@@ -35,9 +35,9 @@ def limit_velocity(command: Twist, data_sheet: DataSheet) -> Twist:
 def limit_acceleration(command: Twist, previous: Twist, dt: float, data_sheet: DataSheet) -> Twist:
     """Return the twist on the curve of ``command`` that the robot can reach from ``previous`` within ``dt`` [s].
 
-    It is s * command with the largest factor s in [0, 1] that changes neither velocity by more than its bound times dt.
-    So the path keeps its curvature, and only the timing changes. If there is no such factor, because the robot still
-    moves along another curve, each velocity moves towards the command: see :func:`limit_change`.
+    The result is s * command, with the largest factor s in [0, 1] for which neither velocity changes by more than its
+    bound times dt. So the path keeps its curvature, and only the timing changes. If the robot still moves along another
+    curve, no such factor may exist. Then each velocity moves towards the command by itself: see :func:`limit_change`.
     """
     if data_sheet.a_max == _INF and data_sheet.omega_dot_max == _INF:
         return command
@@ -74,9 +74,9 @@ def _towards(requested: float, previous: float, change: float) -> float:
 def limit_change(command: Twist, previous: Twist, dt: float, data_sheet: DataSheet) -> Twist:
     """Move each velocity from ``previous`` towards ``command`` as far as ``dt`` [s] allows, within all bounds.
 
-    If the faster rim exceeds its bound, the speed is reduced as far as one period allows, and then the rotation. If no
-    reachable command is within the bounds, because a bound was lowered while driving, the result brakes as hard as the
-    accelerations allow until it is within the bounds.
+    If the faster rim exceeds its bound, the speed is reduced first, as far as ``dt`` allows, and then the rotation. A
+    bound that is lowered while the robot drives may be out of reach. Then the result brakes as hard as the
+    accelerations allow.
     """
     if data_sheet.a_max == _INF and data_sheet.omega_dot_max == _INF:
         return command
@@ -86,15 +86,15 @@ def limit_change(command: Twist, previous: Twist, dt: float, data_sheet: DataShe
     omega = _towards(_clip(command.omega, data_sheet.omega_max), previous.omega, domega)
     if abs(v) + half * abs(omega) > rim:
         v = _clip(v, max(rim - half * abs(omega), abs(previous.v) - dv, 0.0))
-        # The second bound counts only beyond the rims' bound: a rotation cannot end at once.
+        # The second bound matters only if the rim is still too fast: a rotation cannot end at once.
         omega = _clip(omega, max((rim - abs(v)) / half, abs(previous.omega) - domega, 0.0))
     return Twist(v, omega)
 
 
 def slowed(previous: Twist, dt: float, data_sheet: DataSheet) -> Twist:
-    """Return the command after braking from ``previous`` for ``dt`` [s] along its curve, as hard as the limits allow.
+    """Return the command after braking from ``previous`` for ``dt`` [s], as hard as the limits allow on the same curve.
 
-    A velocity beyond a bound that was lowered while driving brakes by itself: see :func:`limit_change`.
+    A velocity beyond a bound that was lowered while the robot drives leaves the curve: see :func:`limit_change`.
     """
     dv, domega = _changes(dt, data_sheet)
     left = 0.0
@@ -119,14 +119,14 @@ def is_beyond(command: Twist, data_sheet: DataSheet) -> bool:
 def limit_global(phi: float, v: float, turn: float, data_sheet: DataSheet) -> Twist:
     """Return (s v, phi + s turn) within the bounds of the velocities, with the largest possible s in [0, 1].
 
-    The steering keeps its rate phi, and the speed is reduced. In Omega_G dV is linear in the command, and each
-    (s v, q phi + s turn) with s, q >= 0 has dV <= 0, so dV <= 0 holds with these limits.
+    The steering keeps its rate phi, and the speed is reduced. In Omega_G, dV is linear in the command, and each command
+    (s v, q phi + s turn) with s, q >= 0 has dV <= 0. So dV <= 0 also holds for the limited command.
 
     Args:
         phi: [rad/s] steering to the goal, clipped to the bound of a rotation on the spot.
         v: [m/s].
-        turn: [rad/s] rotation that belongs to v.
-        data_sheet: the bounds.
+        turn: [rad/s] rotation that the path requires at the speed v.
+        data_sheet: bounds of the robot.
     """
     if data_sheet.min_velocity > 0.0 or data_sheet.min_rotation > 0.0:
         phi, v, turn = _lifted_parts(phi, v, turn, data_sheet)
@@ -138,7 +138,7 @@ def limit_global(phi: float, v: float, turn: float, data_sheet: DataSheet) -> Tw
     if abs(phi + s * turn) > omega_max:
         room = omega_max - phi if turn > 0.0 else omega_max + phi
         s = min(s, room / abs(turn))
-    # The bound of the rims for both signs of phi + s turn; it holds for s = 0.
+    # The bound of the rims, for both signs of phi + s turn; s = 0 always keeps it.
     up, down = speed + half * turn, speed - half * turn
     if half * phi + s * up > rim and up > 0.0:
         s = (rim - half * phi) / up
@@ -151,7 +151,7 @@ def limit_global(phi: float, v: float, turn: float, data_sheet: DataSheet) -> Tw
 def limit_local(command: Twist, data_sheet: DataSheet) -> Twist:
     """Return a command of Omega_L within the bounds of the velocities; the rotation has priority over the speed.
 
-    In Omega_L each velocity has its own term of dV, so each may be reduced by itself.
+    In Omega_L, dV has a separate term for each velocity, so each velocity may be reduced by itself.
     """
     v, omega = lifted_command(command, data_sheet)
     rim, half = rim_speed(data_sheet), 0.5 * data_sheet.wheels.wheel_separation
@@ -160,7 +160,7 @@ def limit_local(command: Twist, data_sheet: DataSheet) -> Twist:
 
 
 def lifted(value: float, least: float) -> float:
-    """Return the smallest velocity that moves the robot, or zero, for a velocity inside the dead band."""
+    """Replace a velocity inside the dead band ``least`` by zero, or by the smallest velocity that moves the robot."""
     if abs(value) >= least:
         return value
     return math.copysign(least, value) if abs(value) > _LIFTED_SHARE * least else 0.0

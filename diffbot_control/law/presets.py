@@ -1,4 +1,4 @@
-"""Named sets of defaults: the default, a precise one, and the law of the paper."""
+"""Named sets of defaults: ``tuned``, ``precise`` and ``paper``."""
 
 from __future__ import annotations
 
@@ -25,5 +25,5 @@ PRESETS = {
     PRECISE: Preset(SwitchingLaw, SwitchingConfig(tolerance=GoalTolerance(xy_goal_tolerance=0.03))),
     PAPER: Preset(PaperLaw, PaperConfig()),
 }
-"""``tuned``: the defaults. ``precise``: the same with a position tolerance of 0.03 m. ``paper``: the law of the paper
-with its gains and its fixed region."""
+"""``tuned``: the defaults. ``precise``: the defaults with a position tolerance of 0.03 m. ``paper``: the law of the
+paper, with its gains and its fixed region."""

@@ -1,13 +1,12 @@
-"""The regions Omega_G (far) and Omega_L (near) of the switching law, and the conditions of a change.
+"""The regions Omega_G (far) and Omega_L (near) of the switching law, and the conditions for a change.
 
 The paper requires eps_P > |eps_rho| + |eps_v| / gamma for the worst errors possible (section 3.2). With its raw noise
-this gives a fixed circle, see :mod:`paper`. Here the radius follows the present standard deviation of the position: it
+this gives a fixed circle, see :mod:`paper`. Here the radius follows the present standard deviation of the position. It
 shrinks as the filter converges, so the error is small when the robot enters Omega_L.
 
 In Omega_L every (0, y, 0) is an equilibrium, so a lateral error remains. The estimate of this error improves while the
-robot rests. If the robot has rested for REST and the error is significant, Omega_L ends and the robot approaches the
-goal again by the law of Omega_G. Such departures are outside the Lyapunov argument; ``MAX_DEPARTURES`` bounds their
-number.
+robot rests. If the error is significant after the time REST, the robot leaves Omega_L and approaches the goal again
+with the law of Omega_G. The Lyapunov functions do not cover these departures; ``MAX_DEPARTURES`` bounds their number.
 """
 
 from __future__ import annotations
@@ -23,27 +22,27 @@ OMEGA_G, OMEGA_L = 0, 1
 REGION_NAMES = ("Omega_G", "Omega_L")
 
 LEAST_RADIUS = 0.2
-"""Smallest entering radius as a share of the position tolerance; the radius is also at least one deviation."""
+"""Smallest entering radius as a share of the position tolerance; the radius is also at least one standard deviation."""
 LEAVE_FACTOR = 3.0
 """Leaving radius as a multiple of the entering radius; it is at least the position tolerance."""
 REST = 1.0
-"""[s] time at rest without an answer after which an error beyond the entering radius ends Omega_L"""
+"""[s] time at rest after which the robot leaves Omega_L, if the goal is not reached and the error is significant"""
 MAX_DEPARTURES = 20
-"""Largest number of departures from Omega_L for one goal; the benchmarks need at most 12, with correlated fixes."""
+"""Largest number of departures from Omega_L for one goal; the benchmarks have at most 12, with correlated fixes."""
 
 
 class Switching(NamedTuple):
-    """The region in force."""
+    """The present region."""
 
     region: int
     switches: int
-    """changes of region so far; entering Omega_L counts as one"""
+    """number of changes of the region for this goal"""
     rest: float
     """[s] uninterrupted time at rest in Omega_L with the heading within its tolerance"""
 
 
 class SwitchInput(NamedTuple):
-    """State at a pose on which the region depends, besides the uncertainty."""
+    """State on which the region depends, besides the uncertainty."""
 
     rho: float
     """[m] distance of the goal"""
@@ -61,13 +60,13 @@ def entering_radius(sigma_xy: float, tolerance: GoalTolerance) -> float:
 
 
 def leaving_radius(sigma_xy: float, tolerance: GoalTolerance) -> float:
-    """Return the distance [m] beyond which Omega_L ends at once."""
+    """Return the distance [m] beyond which the robot leaves Omega_L at once."""
     return max(LEAVE_FACTOR * entering_radius(sigma_xy, tolerance), tolerance.xy_goal_tolerance)
 
 
 def next_switching(
     before: Switching,
-    standing: SwitchInput,
+    present: SwitchInput,
     uncertainty: Uncertainty,
     dt: float,
     tolerance: GoalTolerance,
@@ -76,23 +75,23 @@ def next_switching(
     """Return the region at the next pose, and the distance [m] from the goal at which the region changes.
 
     Args:
-        before: result of the last pose.
-        standing: distance, heading, last command and answer.
-        uncertainty: of the estimate.
+        before: region at the last pose.
+        present: distance and heading at this pose, and the last command.
+        uncertainty: uncertainty of the estimate.
         dt: [s] since the last pose.
-        tolerance: of the goal.
-        data_sheet: of the robot.
+        tolerance: tolerances of the goal.
+        data_sheet: thresholds of rest.
     """
-    rho, entering = standing.rho, entering_radius(uncertainty.xy, tolerance)
+    rho, entering = present.rho, entering_radius(uncertainty.xy, tolerance)
     leaving = leaving_radius(uncertainty.xy, tolerance)
     if before.region == OMEGA_G:
         if rho < entering:
             return Switching(OMEGA_L, before.switches + 1, 0.0), leaving
         return before, entering
     rest = 0.0
-    if abs(standing.theta) <= tolerance.yaw_goal_tolerance and is_at_rest(standing.command, data_sheet):
+    if abs(present.theta) <= tolerance.yaw_goal_tolerance and is_at_rest(present.command, data_sheet):
         rest = before.rest + dt
-    if rest >= REST and not standing.reached and is_off(rho, tolerance, uncertainty):
+    if rest >= REST and not present.reached and is_off(rho, tolerance, uncertainty):
         leaving = entering
     if rho > leaving:
         return Switching(OMEGA_G, before.switches + 1, 0.0), entering

@@ -1,13 +1,13 @@
 """The two laws of :mod:`switching`: drive and steer far from the goal, drive and hold the heading near it.
 
-The navigation variables are those of the paper, Eq. (2). In place of its gamma tanh(rho) and k alpha stand *braking
-profiles*: how fast the robot may still move at some distance d from where it has to stop. From the speed s(d; b, tau)
-it stops within d if it reacts after tau and then brakes with b:
+The navigation variables are defined by Eq. (2) of the paper. *Braking profiles* replace the paper's gamma tanh(rho) and
+k alpha. A braking profile is the largest speed s from which the robot stops within a distance d, if it reacts after the
+time tau and then brakes with the deceleration b:
 
     d = s tau + s^2 / (2 b)    so    s(d; b, tau) = 2 d / (tau + sqrt(tau^2 + 2 d / b))
 
-Its slope at 0 is 1 / tau, a proportional gain; far away it is sqrt(2 b d), which needs exactly the deceleration b.
-With f(rho) the profile of the speed and phi(alpha) that of the turn, both odd and with the sign of their argument,
+Near 0 the slope of the profile is 1 / tau, a proportional gain. Far away the profile is sqrt(2 b d), which requires the
+deceleration b. Let f(rho) be the profile of the speed and phi(alpha) the profile of the turn. Both are odd functions.
 
     Omega_G:  v = f(rho) cos(alpha),  omega = phi(alpha) + (f(rho) / rho) cos(alpha) sinc(alpha) (alpha + h beta)
     Omega_L:  v = f(rho) cos(alpha),  omega = -phi_L(theta)
@@ -16,7 +16,7 @@ With f(rho) the profile of the speed and phi(alpha) that of the turn, both odd a
     V_L = (rho^2 + theta^2) / 2              with   dV_L = -rho f cos^2(alpha) - theta phi_L(theta) <= 0
 
 The weight h(rho) = h min(1, rho / 0.3 m) fades near the goal: the robot drives straight to the goal point, and turns
-there in Omega_L. As rho' <= 0 and h' >= 0, its change adds h' rho' beta^2 / 2 <= 0 to dV_G.
+there in Omega_L. The change of the weight adds h' rho' beta^2 / 2 to dV_G. This is <= 0, because rho' <= 0 and h' >= 0.
 """
 
 from __future__ import annotations
@@ -37,15 +37,15 @@ BEARING_WEIGHT = 0.8
 BEARING_FADE = 0.3
 """[m] distance below which h fades"""
 ARRIVAL_SHARE = 0.3
-"""wanted deviation of the position at arrival, as a share of xy_goal_tolerance"""
+"""required deviation of the position at arrival, as a share of xy_goal_tolerance"""
 BRAKE, TURN_BRAKE, HOLD_BRAKE = 3.0, 7.0, 5.0
-"""[m/s^2], [rad/s^2] largest decelerations of the profiles"""
+"""[m/s^2], [rad/s^2], [rad/s^2] largest decelerations of the profiles of the speed, the turn and the heading"""
 _BRAKE_SHARE, _TURN_BRAKE_SHARE = 0.86, 0.65
-"""share of the limit that a profile uses; the rest is for errors of the estimate and of the drives"""
+"""shares of the limits that the profiles use; the rest is for errors of the estimate and of the drives"""
 _UNKNOWN_LATENCY = 0.2
-"""[s] dead time beyond the known one with which the loop is still stable"""
+"""[s] dead time that the data sheet may omit while the loop stays stable"""
 _DRIVE_LOOPS, _TURN_LOOPS, _HOLD_LOOPS = 2.0, 1.8, 1.6
-"""reaction times in multiples of the loop's delay; 2 / pi is the limit of stability"""
+"""reaction times as multiples of the loop's delay; the loop is stable above 2 / pi"""
 _SMALLEST_DISTANCE = 1e-9
 """[m] lower bound of rho in f(rho) / rho"""
 
@@ -95,24 +95,24 @@ class Gains(NamedTuple):
     """
 
     brake: float
-    """[m/s^2]"""
+    """[m/s^2] of the speed"""
     react: float
-    """[s]"""
+    """[s] of the speed"""
     turn_brake: float
     """[rad/s^2] of the turn towards the goal in Omega_G"""
     turn_react: float
-    """[s]"""
+    """[s] of the turn towards the goal in Omega_G"""
     hold_brake: float
     """[rad/s^2] of the heading in Omega_L"""
     hold_react: float
-    """[s]"""
+    """[s] of the heading in Omega_L"""
 
 
 def gains_of(data_sheet: DataSheet, period: float) -> Gains:
     """Derive the gains from the limits of the robot and the period [s] of its poses.
 
-    The delay of the loop is half a period, for which a command is held on average, plus a dead time of 0.2 s that may
-    be missing in the data sheet, so that the prediction does not remove it.
+    The delay of the loop is half a period, the mean age of a command that is held, plus 0.2 s. The 0.2 s are for dead
+    time that the data sheet omits, so that the law does not predict it.
     """
     loop = 0.5 * period + _UNKNOWN_LATENCY
     turning = _TURN_BRAKE_SHARE * data_sheet.omega_dot_max
@@ -137,12 +137,12 @@ def signed_braking(error: float, brake: float, react: float, largest: float) -> 
 
 
 def uncertainty_ratio(sigma_xy: float, sigma_known: float, xy_goal_tolerance: float) -> float:
-    """Return ``sigma_xy`` [m] over the wanted deviation at arrival, which is larger for a wide tolerance."""
+    """Return ``sigma_xy`` [m] divided by the deviation that is required at arrival, which grows with the tolerance."""
     return sigma_xy / max(sigma_known, ARRIVAL_SHARE * xy_goal_tolerance)
 
 
 def approach_speed(rho: float, ratio: float, gains: Gains, v_max: float) -> float:
-    """Return f(rho) [m/s] >= 0 with f(0) = 0; slower if the ``ratio`` of :func:`uncertainty_ratio` is above 1."""
+    """Return f(rho) [m/s] >= 0 with f(0) = 0; an :func:`uncertainty_ratio` above 1 reduces the speed."""
     react = gains.react * ratio * ratio if ratio > 1.0 else gains.react
     return min(v_max, braking(rho, gains.brake, react))
 
@@ -153,21 +153,23 @@ def bearing_weight(rho: float) -> float:
 
 
 UNDECIDED, FRONT, BACK = 0, 1, -1
-"""Leading end of the robot."""
+"""Direction of travel: the end of the robot that leads."""
 
 
 class Course(NamedTuple):
-    """Decisions that are made once for a goal, and again when Omega_L is left."""
+    """Decisions that are made once for a goal, and again when the robot leaves Omega_L."""
 
     leading: int
+    """direction of travel: UNDECIDED, FRONT or BACK"""
     turned: bool
-    """the robot's heading at the goal is opposite to the goal's (``symmetric_yaw_tolerance``)"""
+    """the robot arrives with the heading opposite to the goal's (``symmetric_yaw_tolerance``)"""
 
 
 def chosen_course(navigation: Navigation, allow_backward: bool, symmetric: bool) -> Course:
     """Return the course with the least turning.
 
-    The robot turns by |alpha_d| to look along the line to the goal, and by |beta_d| from there to the goal's heading.
+    alpha_d and beta_d belong to the direction of travel. The robot turns by |alpha_d| onto the line to the goal, and by
+    |beta_d| from this line to the heading at the goal.
     """
     rear_alpha, rear_beta = _opposite(navigation.alpha), _opposite(navigation.beta)
     alpha, beta = abs(navigation.alpha), abs(navigation.beta)
@@ -186,14 +188,14 @@ def _opposite(angle: float) -> float:
 
 
 def led_by(navigation: Navigation, leading: int) -> Navigation:
-    """Return the variables of the leading end."""
+    """Return the variables for a direction of travel: alpha_d and beta_d of the leading end."""
     if leading != BACK:
         return navigation
     return Navigation(navigation.rho, wrap_angle(navigation.alpha - math.pi), wrap_angle(navigation.beta - math.pi))
 
 
 def drive_and_steer(navigation: Navigation, ratio: float, leading: int, gains: Gains, data_sheet: DataSheet) -> Twist:
-    """Return the command of Omega_G within the bounds of the velocities, from the variables of the leading end."""
+    """Return the command of Omega_G within the bounds of the velocities; ``navigation`` is that of :func:`led_by`."""
     rho, alpha, beta = navigation
     cosine = math.cos(alpha)
     speed = approach_speed(rho, ratio, gains, data_sheet.v_max)
@@ -204,7 +206,7 @@ def drive_and_steer(navigation: Navigation, ratio: float, leading: int, gains: G
 
 
 def turn_to_the_goal(alpha: float, gains: Gains, data_sheet: DataSheet) -> Twist:
-    """Return a turn on the spot, for a goal to which the robot must not reverse; dV = -alpha phi(alpha) <= 0."""
+    """Return a turn on the spot, for a robot that must not reverse; dV = -alpha phi(alpha) <= 0."""
     phi = signed_braking(alpha, gains.turn_brake, gains.turn_react, data_sheet.omega_max)
     return limit_global(phi, 0.0, 0.0, data_sheet)
 
@@ -219,7 +221,7 @@ def drive_and_hold(
 
 
 def course_lyapunov(navigation: Navigation) -> float:
-    """Return V of Omega_G for the leading end: (rho^2 + alpha_d^2 + h beta_d^2) / 2."""
+    """Return V of Omega_G: (rho^2 + alpha_d^2 + h beta_d^2) / 2; ``navigation`` is the result of :func:`led_by`."""
     rho, alpha, beta = navigation
     return 0.5 * (rho * rho + alpha * alpha + bearing_weight(rho) * beta * beta)
 

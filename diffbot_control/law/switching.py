@@ -1,4 +1,4 @@
-"""The law ``switching``: one step from the latency, the regions, the course and the limits.
+"""The law ``switching``: its step predicts over the latency, selects region and course, and limits the command.
 
 One step, with the memory as argument and result::
 
@@ -68,7 +68,7 @@ def new_memory() -> SwitchingMemory:
 
 
 def with_motion(memory: SwitchingMemory, command: Twist, actuation: Actuation) -> SwitchingMemory:
-    """Return the memory with another motion (numba does not compile ``_replace``)."""
+    """Return the memory with another motion, in a form that numba can compile."""
     return SwitchingMemory(memory.switching, command, memory.settling, memory.course, actuation, memory.reached)
 
 
@@ -77,19 +77,19 @@ def step(
 ) -> tuple[SwitchingMemory, Twist, Report]:
     """Drive towards ``goal`` for one period, within the limits; see :meth:`Law.step`.
 
-    The command is zero if the numbers overflow.
+    If a variable is not finite, the command is zero.
     """
     dt, sheet, tolerance = observation.dt, config.data_sheet, config.tolerance
     actuation, estimate = coasted_estimate(memory, observation.estimate, dt, config)
     uncertainty = estimate.uncertainty
-    upright = into_frame(estimate.pose, goal)
-    local = _turned(upright) if memory.course.turned else upright
+    original = into_frame(estimate.pose, goal)
+    local = _turned(original) if memory.course.turned else original
     navigation = navigation_variables(local)
-    standing = SwitchInput(navigation.rho, local.theta, memory.command, memory.reached)
-    switching, radius = next_switching(memory.switching, standing, uncertainty, dt, tolerance, sheet)
-    course = _course_after(memory, switching.region, upright, config)
+    present = SwitchInput(navigation.rho, local.theta, memory.command, memory.reached)
+    switching, radius = next_switching(memory.switching, present, uncertainty, dt, tolerance, sheet)
+    course = _next_course(memory, switching.region, original, config)
     if course.turned != memory.course.turned:
-        local = _turned(upright) if course.turned else upright
+        local = _turned(original) if course.turned else original
         navigation = navigation_variables(local)
     gains = gains_of(sheet, observation.period)
     ratio = uncertainty_ratio(uncertainty.xy, config.sigma_known, tolerance.xy_goal_tolerance)
@@ -114,7 +114,7 @@ def step(
 def coasted_estimate(
     memory: SwitchingMemory, estimate: Estimate, dt: float, config: SwitchingConfig
 ) -> tuple[Actuation, Estimate]:
-    """Return the actuation, and the estimate of the pose in which the robot would come to rest (law/latency.py)."""
+    """Return the actuation, and the estimate of the pose in which the robot would come to rest; see :mod:`latency`."""
     if is_immediate(config.data_sheet):
         return memory.actuation, estimate
     coasted = coast(estimate.pose, memory.actuation, memory.command, dt, config.data_sheet)
@@ -122,24 +122,24 @@ def coasted_estimate(
 
 
 def _turned(local: Pose) -> Pose:
-    """Return the pose in the frame of the goal turned by pi."""
+    """Return a pose, given in the frame of the goal, in the frame that is turned by pi."""
     return Pose(-local.x, -local.y, wrap_angle(local.theta - math.pi))
 
 
-def _course_after(memory: SwitchingMemory, region: int, upright: Pose, config: SwitchingConfig) -> Course:
-    """Choose the course for a new goal, when Omega_L is left, and when ``allow_backward`` was switched off meanwhile.
+def _next_course(memory: SwitchingMemory, region: int, pose: Pose, config: SwitchingConfig) -> Course:
+    """Return the course; choose it for a new goal, after Omega_L, and when ``allow_backward`` was switched off.
 
-    ``upright`` is the pose in the frame of the goal, which is not turned.
+    ``pose`` is in the frame of the goal, which is not turned.
     """
     course = memory.course
     if region == OMEGA_G:
         is_allowed = config.allow_backward or course.leading != BACK
         if course.leading != UNDECIDED and memory.switching.region == OMEGA_G and is_allowed:
             return course
-        return chosen_course(navigation_variables(upright), config.allow_backward, config.symmetric_yaw_tolerance)
+        return chosen_course(navigation_variables(pose), config.allow_backward, config.symmetric_yaw_tolerance)
     if course.leading == UNDECIDED and not course.turned and config.symmetric_yaw_tolerance:
-        # The first pose is already near the goal, so only the heading is still to choose.
-        return Course(UNDECIDED, memory.command == (0.0, 0.0) and abs(upright.theta) > HALF_PI)
+        # The first pose is already near the goal, so the law chooses only the heading.
+        return Course(UNDECIDED, memory.command == (0.0, 0.0) and abs(pose.theta) > HALF_PI)
     return course
 
 
@@ -152,14 +152,14 @@ def _near(navigation: Navigation, theta: float, ratio: float, gains: Gains, conf
 
 
 def _far(led: Navigation, ratio: float, leading: int, gains: Gains, config: SwitchingConfig) -> Twist:
-    """Return the command of Omega_G; ``led`` has the variables of the leading end."""
+    """Return the command of Omega_G; ``led`` is the result of :func:`led_by`."""
     if not config.allow_backward and abs(led.alpha) >= HALF_PI:
         return turn_to_the_goal(led.alpha, gains, config.data_sheet)
     return drive_and_steer(led, ratio, leading, gains, config.data_sheet)
 
 
 class SwitchingLaw(Law):
-    """This project's law."""
+    """The law of this project."""
 
     name = "switching"
     Config = SwitchingConfig
@@ -172,22 +172,20 @@ class SwitchingLaw(Law):
 
     @classmethod
     def memory_for_new_goal(cls, memory: Any, config: Any) -> SwitchingMemory:
-        """Return a new memory with the present motion, which the limits of acceleration and the latency need."""
+        """Return a new memory with the present motion, for the limits of acceleration and the prediction."""
         return with_motion(new_memory(), memory.command, memory.actuation)
 
     @staticmethod
     def after_command(memory: Any, command: Twist, dt: float, config: Any) -> SwitchingMemory:
-        """Update the motion, and restart the count of poses in a row within the tolerances."""
-        actuation = memory.actuation
-        if dt > 0.0 and not is_immediate(config.data_sheet):
-            actuation = after_a_period(actuation, memory.command, dt, config.data_sheet)
+        """Update the motion, and restart the count of consecutive poses within the tolerances."""
+        actuation = after_a_period(memory.actuation, memory.command, dt, config.data_sheet)
         after: SwitchingMemory = memory._replace(command=command, actuation=actuation)
         return after._replace(settling=after.settling._replace(steps_within=0))
 
     @staticmethod
     def reason_to_give_up(memory: Any, config: Any) -> str:
-        """Return why the goal will not be reached: the robot has left Omega_L too often."""
+        """Give up if the robot has left Omega_L too often."""
         departures = memory.switching.switches // 2
         if departures < MAX_DEPARTURES:
             return ""
-        return f"left the goal's neighbourhood {departures} times: the estimate keeps changing"
+        return f"the robot left the neighbourhood of the goal {departures} times, because the estimate keeps changing"

@@ -1,4 +1,4 @@
-"""Messages of the node ``controller``: cmd_vel, ~/navigation, ~/status, and the states and results of its goals."""
+"""The messages that the node ``controller`` publishes: cmd_vel, ~/navigation, ~/status, and the states of its goals."""
 
 from __future__ import annotations
 
@@ -40,28 +40,28 @@ LEVELS = {
     states.UNCERTAIN: DiagnosticStatus.WARN[0],
     states.NOT_AT_GOAL: DiagnosticStatus.ERROR[0],
 }
-"""Levels of the states that are not OK."""
+"""Levels of the status texts; OK for the others."""
 BEYOND_LIMITS = "the command exceeds limits that were lowered: braking as fast as the accelerations allow"
 STATE_LOG_PERIOD = 2.0
-"""[s] shortest time between two log entries of one state and goal, so that alternating states do not fill the log"""
+"""[s] log throttle for one state and goal, so that alternating states do not fill the log"""
 _ENDS = {
     goal_record.REACHED: GoalStatus.STATUS_SUCCEEDED,
     goal_record.CANCELLED: GoalStatus.STATUS_CANCELED,
 }
-"""Status of a goal with this end; every other end is STATUS_ABORTED, as Nav2 reports it."""
+"""Status of a goal for its end; STATUS_ABORTED for the other ends, as in Nav2."""
 
 
 class CommandOutput:
-    """Publishes cmd_vel in the type to which the base subscribes, or that the parameter cmd_vel_type names."""
+    """Publishes cmd_vel, as the type to which the base subscribes, or the type in the parameter cmd_vel_type."""
 
     def __init__(self, node: ManagedNode[ControllerNodeConfig]) -> None:
         """Create the publisher."""
         self._node = node
         self.newest = Twist(0.0, 0.0)
         self.problem = self._found = ""
-        """why no base receives the commands, if two checks in a row agree; result of the newest check"""
+        """why no base receives the commands, as two consecutive checks found; result of the newest check alone"""
         self._topic, self._next = node.resolve_topic_name("cmd_vel"), ""
-        """full name of cmd_vel; message type to which the next check changes"""
+        """full name of cmd_vel; message type that the next check introduces, empty for no change"""
         self._can_change = node.config.cmd_vel_type == AUTO
         self._open(TWIST_STAMPED if node.config.cmd_vel_type == TYPE_WORDS[TWIST_STAMPED] else TWIST)
 
@@ -73,7 +73,7 @@ class CommandOutput:
         self._type = kind
 
     def send(self, command: Twist, stamp: int | None = None) -> None:
-        """Publish a command; ``stamp`` [ns] is that of the answered pose, by default the present time."""
+        """Publish a command; ``stamp`` [ns] is the stamp of the answered pose, by default the present time."""
         if isinstance(self._command, TwistStamped):
             now = self._node.get_clock().now().nanoseconds if stamp is None else stamp
             set_stamp(self._command.header.stamp, now)
@@ -86,23 +86,23 @@ class CommandOutput:
             self._node.health.sent["cmd_vel"] += 1
 
     def deliver(self, command: Twist) -> None:
-        """Publish a command until every subscriber has confirmed it; log a warning if one has not."""
+        """Publish a command and wait until all subscribers have confirmed it; log a warning if one has not."""
         if not self._next and not deliver(self._node, self._publisher, lambda: self.send(command)):
-            text = "not every subscriber of cmd_vel has confirmed the last command"
+            text = "a subscriber of cmd_vel has not confirmed the last command, which may be lost"
             self._node.get_logger().warning(text)
 
     def check(self, has_goal: bool) -> None:
-        """Check the subscriptions to cmd_vel twice a second, and follow their type unless a parameter sets it.
+        """Check the subscriptions to cmd_vel, and follow their type unless a parameter sets it; called twice a second.
 
         Args:
-            has_goal: the robot has to drive, so a missing base is a problem.
+            has_goal: True if the robot has a goal, so that a missing base is a problem.
         """
         if self._next:
             self._change()
         subscriptions = subscriptions_of(self._node, self._topic)
         kind = followed_type(self._type, subscriptions)
         if self._can_change and kind != self._type:
-            # rclpy destroys a publisher after the callback, and a topic has one type at a time within a process.
+            # rclpy destroys the publisher only after this callback, and a process can use a topic with one type only.
             self._node.destroy_publisher(self._publisher)
             self._next = kind
             return
@@ -119,7 +119,7 @@ class CommandOutput:
         kind, before, self._next = self._next, self._type, ""
         try:
             self._open(kind)
-        except RuntimeError:  # another node of this process publishes or subscribes to the present type
+        except RuntimeError:  # another node of this process uses the topic with the present type
             self._open(before)
             self._can_change = False
         else:

@@ -1,7 +1,7 @@
-"""Send goals and wait for their ends, from a Python program.
+"""Send goals and wait until they end, from a Python program.
 
-The names are those of nav2_simple_commander's BasicNavigator, but no action is needed: goals are messages that are
-repeated until the controller has accepted them. A program that drives to one goal::
+The methods have the names of BasicNavigator in nav2_simple_commander, but do not need actions: a goal is a message that
+is repeated until the controller has accepted it. A program that drives to one goal::
 
     import rclpy
     from geometry_msgs.msg import PoseStamped
@@ -44,15 +44,15 @@ from diffbot_core.ros.qos import QUEUE
 
 _STARTUP = {"unconfigured": "configure", "inactive": "activate"}
 _SHUTDOWN = {"active": "deactivate", "inactive": "cleanup", "unconfigured": "shutdown"}
-"""Transitions to the next state of a managed node."""
+"""Transitions by the state of a managed node."""
 _SERVICE_TIMEOUT = 10.0
-"""[s]"""
+"""[s] longest wait for a service, and for its response"""
 _NEAR = 1.0
-"""[m] largest distance from the initial pose of an estimate that was initialised by it"""
+"""[m] largest distance between the initial pose and the first estimate after it"""
 
 
 class TaskResult(Enum):
-    """How a task ended, with the names of nav2_simple_commander."""
+    """Result of a task, with the names of nav2_simple_commander."""
 
     UNKNOWN = 0
     SUCCEEDED = 1
@@ -67,17 +67,17 @@ _RESULTS = {"": TaskResult.UNKNOWN, LOST: TaskResult.UNKNOWN} | {
 
 
 class Navigator(GoalClient):
-    """Drives to goals by the methods of BasicNavigator; see :class:`GoalClient` for the arguments."""
+    """Drives to goals with the methods of BasicNavigator; see :class:`GoalClient` for the arguments."""
 
     def __init__(self, node_name: str = "navigator", namespace: str = "", **options: Any) -> None:
-        """Create the node, its clients and the publisher of ``initialpose``; ``options`` are those of both clients."""
+        """Create the node and the publisher of ``initialpose``; ``options`` are passed to :class:`GoalClient`."""
         super().__init__(node_name, namespace, **options)
         self._dock_names = f"{node_name}_dock", namespace
         self._options = {**options, "context": self.context}
         self._docking: GoalClient | None = None
-        """client of the dock's controller, created when it is needed"""
+        """client of the controller that docks, created when it is needed"""
         self._present: GoalClient = self
-        """the client that has sent the newest goal"""
+        """client that has sent the newest goal"""
         self._waypoints: list[PoseStamped] = []
         """poses of followWaypoints that are still to be sent"""
         self._waypoint = 0
@@ -86,17 +86,17 @@ class Navigator(GoalClient):
         self._initial_poses = self.create_publisher(PoseWithCovarianceStamped, "initialpose", QUEUE)
 
     def destroyNode(self) -> None:  # noqa: N802 - the names of BasicNavigator, here and below
-        """Leave the graph; the context stays."""
+        """Destroy the node; the context is not shut down."""
         if self._docking is not None:
             self._docking.close(shut_down=False)
         self.close(shut_down=False)
 
     def waitUntilReady(self, timeout: float = math.inf) -> bool:  # noqa: N802
-        """Wait until the controller receives goals; return False if it does not within ``timeout`` [s]."""
+        """Wait until the controller can receive goals; return False after ``timeout`` [s] without it."""
         return self.wait_until_ready(timeout)
 
     def waitUntilNav2Active(self, navigator: str = "", localizer: str = "") -> None:  # noqa: N802
-        """Wait until the controller receives goals, without a limit; the arguments are ignored."""
+        """Wait until the controller can receive goals, without a timeout; the arguments are ignored."""
         self.wait_until_ready()
 
     def setInitialPose(  # noqa: N802
@@ -105,20 +105,20 @@ class Navigator(GoalClient):
         """Initialise the filter and wait until it publishes a pose within 1 m of ``initial_pose``.
 
         Args:
-            initial_pose: in the frame of the map.
+            initial_pose: pose in the frame of the map.
             sigma_xy: [m] standard deviation in x and in y.
             sigma_yaw: [rad] standard deviation of the heading.
-            timeout: [s] after this time the method returns False.
+            timeout: [s] time after which the method gives up and returns False.
         """
         message = PoseWithCovarianceStamped(header=initial_pose.header)
         message.header.frame_id = message.header.frame_id or self.frame
         message.pose.pose = initial_pose.pose
         message.pose.covariance[0] = message.pose.covariance[7] = sigma_xy**2
         message.pose.covariance[35] = sigma_yaw**2
-        meant, received = pose_of(initial_pose.pose), list[Pose]()
+        initial, received = pose_of(initial_pose.pose), list[Pose]()
 
-        def is_followed() -> bool:
-            return any(math.hypot(pose.x - meant.x, pose.y - meant.y) <= _NEAR for pose in received)
+        def has_moved() -> bool:
+            return any(math.hypot(pose.x - initial.x, pose.y - initial.y) <= _NEAR for pose in received)
 
         subscription = self.create_subscription(
             PoseWithCovarianceStamped, "pose", lambda pose: received.append(pose_of(pose.pose.pose)), QUEUE
@@ -126,35 +126,35 @@ class Navigator(GoalClient):
         deadline = time.monotonic() + timeout
         try:
             while (left := deadline - time.monotonic()) > 0.0:
-                # The filter may not have discovered this publisher yet, so the message is repeated.
+                # Repeat the message, because the filter may not have discovered this publisher yet.
                 if self.spin_until(self._initial_poses.get_subscription_count, left):
                     received.clear()
                     self._initial_poses.publish(message)
-                    if self.spin_until(is_followed, min(left, REPEAT_PERIOD)):
+                    if self.spin_until(has_moved, min(left, REPEAT_PERIOD)):
                         return True
             return False
         finally:
             self.destroy_subscription(subscription)
 
     def goToPose(self, pose: PoseStamped, behavior_tree: str = "") -> bool:  # noqa: N802
-        """Send a goal and wait until it is accepted; False, with a line in the log, if it is refused."""
+        """Send a goal and wait until it is accepted; return False, and log the reason, if it is refused."""
         return self.goThroughPoses([pose], behavior_tree)
 
     def goThroughPoses(self, poses: Sequence[PoseStamped], behavior_tree: str = "") -> bool:  # noqa: N802
-        """Send a path in one frame, as :meth:`goToPose` does; ``behavior_tree`` is ignored."""
+        """Send a path, whose poses have one frame, like :meth:`goToPose`; ``behavior_tree`` is ignored."""
         self._waypoints, self._waypoint = [], 0
         return self._send_poses([pose.header.frame_id or self.frame for pose in poses], poses)
 
     def followPath(self, path: Path, controller_id: str = "", goal_checker_id: str = "") -> bool:  # noqa: N802
-        """Send a path as :meth:`goThroughPoses`; the ids are ignored."""
+        """Send a path like :meth:`goThroughPoses`; the ids are ignored."""
         self._waypoints, self._waypoint = [], 0
         frame = path.header.frame_id or self.frame
         return self._send_poses([pose.header.frame_id or frame for pose in path.poses], path.poses)
 
     def followWaypoints(self, poses: Sequence[PoseStamped]) -> bool:  # noqa: N802
-        """Drive to each pose within the tolerances, one after the other; a pose that is not reached ends the task.
+        """Drive to each pose in turn, within the tolerances; a pose that is not reached ends the task.
 
-        :meth:`isTaskComplete` sends the next pose.
+        Call :meth:`isTaskComplete` repeatedly: it sends the next pose.
         """
         if not self.goThroughPoses(poses[:1]):
             return False
@@ -162,7 +162,7 @@ class Navigator(GoalClient):
         return True
 
     def _next_waypoint(self) -> bool:
-        """Send the next waypoint if the last one was reached; return True if it is accepted."""
+        """Send the next waypoint if the previous one was reached; return True if it is accepted."""
         if not self._waypoints or self.getResult() != TaskResult.SUCCEEDED:
             return False
         pose, self._waypoints = self._waypoints[0], self._waypoints[1:]
@@ -170,9 +170,9 @@ class Navigator(GoalClient):
         return self._send_poses([pose.header.frame_id or self.frame], [pose])
 
     def _send_poses(self, names: list[str], poses: Sequence[PoseStamped]) -> bool:
-        """Send poses that are all in the frame ``names[0]``."""
+        """Send poses, whose frames are ``names``."""
         if (number := len(set(names))) != 1:
-            self.error(f"{len(poses)} poses in {number} frames: must be at least one, in one frame")
+            self.error(f"{len(poses)} poses in {number} frames: give at least one pose, and all poses in one frame")
             return False
         try:
             return self._send(self, [pose_of(pose.pose) for pose in poses], names[0])
@@ -181,7 +181,7 @@ class Navigator(GoalClient):
             return False
 
     def _send(self, client: GoalClient, poses: list[Pose], frame: str = "") -> bool:
-        """Send a goal by one of the two clients; return True if it is accepted, otherwise log the reason."""
+        """Send a goal with one of the two clients; return True if it is accepted, otherwise log the reason."""
         self._present = client
         try:
             client.send_goal(poses, frame)
@@ -191,20 +191,20 @@ class Navigator(GoalClient):
         return True
 
     def dock(self, controller: str = "dock_controller") -> bool:
-        """Start to dock where ``docking_node`` detects a dock; return False, with a line in the log, if it is refused.
+        """Start to dock where ``docking_node`` detects a dock; return False, and log the reason, if this is refused.
 
-        The robot has to be at a pose from which it detects the dock. Feedback, end and cancellation are those of
+        The robot must be at a pose from which it detects the dock. Feedback, result and cancellation work as after
         :meth:`goToPose`.
         """
         return self._send_in_dock(Pose(0.0, 0.0, 0.0), controller)
 
     def undock(self, distance: float = 0.7, backward: bool = False, controller: str = "dock_controller") -> bool:
-        """Start to drive out along the dock's axis until ``distance`` [m] before the docked pose.
+        """Start to leave the dock along its axis.
 
         Args:
-            distance: [m].
-            backward: the back of the robot is docked (``dock_backward``).
-            controller: the node that docks.
+            distance: [m] distance from the docked pose at which the robot stops.
+            backward: True if the robot docks with its back (``dock_backward``).
+            controller: name of the controller that docks.
         """
         return self._send_in_dock(pose_on_axis(distance, backward), controller)
 
@@ -218,9 +218,9 @@ class Navigator(GoalClient):
         return self._send(self._docking, [pose])
 
     def isTaskComplete(self, task: Any = None) -> bool:  # noqa: N802
-        """Handle messages for at most 0.1 s; return True if the newest task has ended, or there is none.
+        """Handle messages for at most 0.1 s; return True if the newest task has ended, or if there is no task.
 
-        ``task`` exists for programs written for newer versions of Nav2, and is ignored, here and below.
+        ``task`` is ignored, here and below; it exists for programs that were written for newer versions of Nav2.
         """
         return not self._present.task.id or (self._present.wait_for_end(0.1) and not self._next_waypoint())
 
@@ -230,15 +230,15 @@ class Navigator(GoalClient):
         return feedback and feedback._replace(current_waypoint=self._waypoint)
 
     def getResult(self, task: Any = None) -> TaskResult:  # noqa: N802
-        """Return how the newest goal ended: UNKNOWN before its end, or if the controller was restarted."""
+        """Return the result of the newest goal: UNKNOWN before its end, or if the controller is lost."""
         return _RESULTS.get(self._present.task.end, TaskResult.FAILED)
 
     def getReason(self) -> str:  # noqa: N802
-        """Return the end of the newest goal in words, such as ``not reached: no progress ...``, or an empty text."""
+        """Return the end of the newest goal in words, such as ``not reached: no progress ...``; empty before it."""
         return self._present.task.text
 
     def cancelTask(self) -> bool:  # noqa: N802
-        """Cancel the newest goal and wait until the robot is at rest, at most 5 s; see :meth:`GoalClient.cancel`."""
+        """Cancel the newest goal and wait at most 5 s until the robot is at rest; see :meth:`GoalClient.cancel`."""
         self._waypoints = []
         return self._present.cancel()
 
@@ -247,11 +247,11 @@ class Navigator(GoalClient):
         return self._bring(("ekf", self.controller), _STARTUP, "active")
 
     def lifecycleShutdown(self) -> bool:  # noqa: N802
-        """Shut the controller and the ekf down for good, so the robot stops; return True if both are shut down."""
+        """Shut the controller and the ekf down for good, which stops the robot; return True if both are shut down."""
         return self._bring((self.controller, "ekf"), _SHUTDOWN, "finalized")
 
     def _bring(self, names: tuple[str, ...], transitions: dict[str, str], goal: str) -> bool:
-        """Request transitions until each node has none left; an ekf may be missing, the controller may not."""
+        """Request transitions until each node is in its last state; the ekf may be missing, but not the controller."""
         labels: dict[str, str] = {}
         for name in names:
             while (answer := self._call(GetState, f"{name}/get_state", GetState.Request())) is not None:
@@ -263,14 +263,14 @@ class Navigator(GoalClient):
                 request.transition.label = transitions[label]
                 changed = self._call(ChangeState, f"{name}/change_state", request)
                 if changed is None or not changed.success:
-                    self.error(f"{name}: the transition {transitions[label]} has failed: see its log")
+                    self.error(f"{name}: the transition {transitions[label]} has failed: see the log of the node")
                     return False
         if self.controller not in labels:
             self.error(f"no answer from {self.controller}: does it run, with the same ROS_DOMAIN_ID?")
         return labels.get(self.controller) == labels.get("ekf", goal) == goal
 
     def _call(self, kind: Any, name: str, request: Any) -> Any:
-        """Call a service; return None if there is none."""
+        """Call a service; return None if it is missing or does not respond."""
         client = self.create_client(kind, name)
         try:
             if self.spin_until(client.service_is_ready, _SERVICE_TIMEOUT):

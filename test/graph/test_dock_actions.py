@@ -125,8 +125,8 @@ def test_a_docking_is_cancelled_and_another_replaced(scene, action_peer):
 @pytest.mark.parametrize(
     ("name", "fields", "reason"),
     [
-        ("dock_robot", {"navigate_to_staging_pose": False}, "use_dock_id is true: there is no database of docks"),
-        ("dock_robot", {"use_dock_id": False}, "navigate_to_staging_pose is true: drive to a pose"),
+        ("dock_robot", {"navigate_to_staging_pose": False}, "use_dock_id is true: the node does not have a database"),
+        ("dock_robot", {"use_dock_id": False}, "navigate_to_staging_pose is true: first drive"),
         ("undock_robot", {"max_undocking_time": 0.0}, "max_undocking_time is not positive: 0 s"),
     ],
 )

@@ -68,11 +68,11 @@ def test_a_goal_in_map_lets_go_of_the_dock_and_a_docking_of_the_goal_in_map(scen
     assert navigator.spin_until(lambda: drive.feedback is not None, 30.0)
     assert navigator.dock()
     assert navigator.wait_for_end(60.0)
-    assert drive.end == "cancelled", drive.reason
+    assert drive.text == "cancelled: by a call of /controller/cancel from /dock_controller"
     docking = navigator._docking
     go_to(scene, -1.5)
     assert docking.wait_for_end(60.0)
-    assert docking.task.end == "cancelled", docking.task.reason
+    assert docking.task.text == "cancelled: by a new goal of the controller in map"
     assert scene.wait() == "reached"
     assert navigator.getResult() == TaskResult.SUCCEEDED
 

@@ -201,7 +201,7 @@ def test_each_end_is_that_of_its_own_goal(recorded):
     assert verdicts(rows) == [
         *("Replaced: by a newer goal (goal_pose)", "Replaced: by a newer goal (goal_pose)", "Reached"),
         *("Replaced: by a newer goal (goal_pose)", "Reached", "Reached"),
-        *("Cancelled", "Reached", "Reached"),
+        *("Cancelled: by a call of /controller/cancel from /peer or /watch_client", "Reached", "Reached"),
         *("Passed", "Reached"),
         *("Replaced: by a newer goal (action)", "Reached", late),
         *("Reached", "Reached", "No answer: the recording ends before"),

@@ -232,12 +232,18 @@ def test_cancel_goal_follows_action_msgs(driven):
     answer = cancel_goal(driven, goal_id)
     assert answer.return_code == response.ERROR_NONE
     assert [bytes(info.goal_id.uuid).hex() for info in answer.goals_canceling] == [goal_id]
-    driven.peer.spin_until(lambda: results(driven).get(goal_id) == ("cancelled", ""), what="the end")
+    end, reason = driven.peer.spin_until(lambda: results(driven).get(goal_id), what="the end")
+    assert end == "cancelled"
+    assert re.fullmatch(r"by a call of /controller/cancel_goal from (/\w+ or )*/peer", reason)
     assert cancel_goal(driven, goal_id).return_code == response.ERROR_GOAL_TERMINATED
     send(driven, FAR)
     assert len(cancel_goal(driven).goals_canceling) == 1, "all"
     driven.peer.spin_until(lambda: not goal_of(driven), what="rest")
     assert cancel_goal(driven).return_code == response.ERROR_REJECTED
+    goal_id = send(driven, FAR)
+    driven.cancel()
+    driven.peer.spin_until(lambda: results(driven).get(goal_id), what="the end")
+    assert results(driven)[goal_id] == ("cancelled", "by a call of /controller/cancel from /peer")
     send(driven, FAR)
     assert len(cancel_goal(driven, sec=2**31 - 1).goals_canceling) == 1, "all until then"
     driven.peer.spin_until(lambda: driven.commands and twist(driven.commands[-1]) == (0.0, 0.0), what="rest")

@@ -16,9 +16,11 @@ from robot import DEEP, pose_stamped, twist
 
 from diffbot_control.controller_node import ControllerNode
 from diffbot_control.ekf_node import EkfNode
+from diffbot_control.goals import GoalRequest
 from diffbot_control.robot_node import RobotControllerNode
 from diffbot_control.ros.navigator import Navigator
 from diffbot_core.errors import DiffbotError
+from diffbot_core.geometry import Pose
 from diffbot_core.parameter_groups import LifecycleConfig
 from diffbot_core.ros.managed_node import ManagedNode
 
@@ -156,6 +158,13 @@ def test_a_node_that_cannot_be_configured_stays_unconfigured_and_reports_why(nod
     nodes.peer.spin_until(lambda: not node.get_publishers_info_by_topic("/cmd_vel"), what="no publisher")
 
 
+def test_a_deactivated_controller_cancels_its_goal_with_this_reason(nodes):
+    node = nodes.add(ControllerNode)
+    node.supervisor.on_goal(Pose(3.0, 0.0, 0.0), GoalRequest("1" * 32, "goal_pose", 0.0))
+    node.trigger_deactivate()
+    assert node.supervisor.goals.ended[-1].text == "cancelled: by the deactivation of the controller"
+
+
 @pytest.mark.parametrize("kind", [ControllerNode, EkfNode])
 def test_a_timer_that_is_due_while_the_node_is_cleaned_up_does_nothing(nodes, kind):
     """The executor takes it in one go with the request, and calls it after its publishers are destroyed."""
@@ -197,6 +206,7 @@ class Failing(ManagedNode):
 UNFORESEEN, REFUSED = ValueError("broken sensor"), DiffbotError("no sensor")
 AT_ONCE = """
 from diffbot_core.errors import DiffbotError
+from diffbot_core.geometry import Pose
 from diffbot_core.parameter_groups import LifecycleConfig
 from diffbot_core.ros.managed_node import ManagedNode
 from diffbot_core.ros.run import run

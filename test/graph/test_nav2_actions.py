@@ -74,7 +74,7 @@ def test_a_path_is_followed_with_the_feedback_and_the_error_codes_of_nav2(driven
     assert 0.0 < max(one.speed for one in feedback) <= 1.3
     log = driven.processes["controller"].output
     assert "path of 21 goals: its orientations are equal and contradict its direction" in log
-    assert "controller_id and the ids of checkers are ignored" in log
+    assert "controller_id and goal_checker_id are ignored" in log
     assert not follow.send(path=Path(header=path.header)).accepted, "an empty path"
     far = Path(header=path.header, poses=[*down, pose_stamped(*FAR)])
     replaced, newer = follow.send(path=far), follow.send(path=far)
@@ -104,7 +104,8 @@ def test_cancelling_brakes_within_the_limits_and_ends_at_rest(driven, action_pee
     answer = to_pose.cancel(handle)
     assert [bytes(info.goal_id.uuid) for info in answer.goals_canceling] == [bytes(handle.goal_id.uuid)]
     status, result = to_pose.result(handle)
-    assert (status, result.error_msg) == (GoalStatus.STATUS_CANCELED, "cancelled")
+    reason = "cancelled: by a client of the action navigate_to_pose"
+    assert (status, result.error_msg) == (GoalStatus.STATUS_CANCELED, reason)
     driven.peer.spin_until(lambda: twist(driven.commands[-1]) == (0.0, 0.0), what="rest")
     speeds = [twist(command)[0] for command in driven.commands[before - 1 :]]
     # Steps of 0.1 s; the margin is for the rounding of stamps.

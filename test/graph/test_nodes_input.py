@@ -217,7 +217,7 @@ def test_controller_takes_corrections_of_its_goal_and_drops_old_repeated_and_far
     seen = update(5.1)
     fed.send("goal_update", seen)
     for message, kind in (
-        (seen, "stamp not later than the one before"),
+        (seen, "stamp not later than the previous stamp"),
         (update(5.2, age=100.0), "stamp too old"),
         (update(5.7), "far from the goal"),
         (changed(update(5.2), {"pose.position.x": NAN}), "position not finite"),

@@ -113,13 +113,13 @@ def test_a_goal_in_map_that_is_reached_lets_go_of_the_dock_if_it_came_after_the_
     dock = nodes.add(partial(docking_node.DockControllerNode, ekf), {"pose_lost_timeout": 100.0}, arguments)
     statuses = nodes.peer.publisher(GoalStatusArray, "controller/goal_status", LATCHED)
     dock.supervisor.on_goal(Pose(0.0, 0.0, 0.0), GoalRequest("1" * 32, "goal_pose", 0.0))
-    dock._look_at_goals()
+    dock._check_goals()
     # Of before, though it is heard of after the docking has begun.
     goal = GoalStatus(status=GoalStatus.STATUS_SUCCEEDED)
     goal.goal_info.goal_id.uuid[0] = 1
     statuses.publish(GoalStatusArray(status_list=[goal]))
     nodes.peer.spin_until(lambda: dock._in_map is not None, what="the goal of before")
-    dock._look_at_goals()
+    dock._check_goals()
     assert not dock.supervisor.goals.present.is_cancelling
     goal.goal_info.goal_id.uuid[0] = 2
     statuses.publish(GoalStatusArray(status_list=[goal]))

@@ -219,4 +219,4 @@ def test_a_path_without_headings_gets_those_of_its_direction_with_a_line_in_the_
     headings = [round(one.theta, 3) for one in controller.supervisor.goals_ahead]
     assert headings == [1.571] * 9 + [0.0]
     log = capfd.readouterr().err
-    assert "path of 10 goals: its orientations are equal and contradict its direction, which replaces them" in log
+    assert "path of 10 goals: its orientations are equal and contradict its direction" in log

@@ -1,4 +1,4 @@
-"""A robot of its own for the tests of the law: the unicycle with dead time and lag, without the simulator's code."""
+"""A robot for the tests of the law: a unicycle with dead time and lag, independent of the simulator."""
 
 import math
 
@@ -15,19 +15,19 @@ MS = 0.001
 
 
 def seen(pose, uncertainty=CERTAIN, dt=T_S, period=T_S):
-    """Return what a law is told of a pose."""
+    """Return the observation of a pose."""
     return Observation(Estimate(pose, uncertainty), dt, period, CONTACT_UNKNOWN)
 
 
 class Robot:
-    """Without dead time and lag it moves along exact arcs, otherwise in steps of a millisecond."""
+    """A robot that moves along exact arcs, or with dead time or lag in steps of a millisecond."""
 
     def __init__(self, pose, latency=0.0, lag=0.0):
         self.pose, self.lag = Pose(*pose), lag
         self.queue = [Twist(0.0, 0.0)] * round(latency / MS)
         self.motion = Twist(0.0, 0.0)
         self.turned = 0.0
-        """[rad] in both directions together"""
+        """[rad] sum of the angles turned in both directions"""
 
     def drive(self, command, duration=T_S):
         if not self.queue and not self.lag:
@@ -49,18 +49,17 @@ class Robot:
 
 
 class Run:
-    """A run to the origin without noise: poses, commands, memories and reports in step."""
+    """A run of the law ``switching`` to the origin, without noise; records poses, commands, memories and reports."""
 
     def __init__(self, start, config, steps=300, latency=0.0, lag=0.0, *, uncertainty=CERTAIN, memory=None, period=T_S):
-        """``uncertainty`` is that of all estimates, or a function of the step."""
-        self.robot = Robot(start, latency, lag)
+        """Drive for a number of steps; all estimates have the same uncertainty."""
+        self.robot, self.period = Robot(start, latency, lag), period
         self.poses, self.commands, self.memories, self.reports = [], [], [], []
         memory = memory or new_memory()
         for step in range(steps):
-            present = uncertainty(step) if callable(uncertainty) else uncertainty
             self.poses.append(self.robot.pose)
             dt = period if step else 0.0
-            observation = seen(self.robot.pose, present, dt, period)
+            observation = seen(self.robot.pose, uncertainty, dt, period)
             memory, command, report = switching.step(memory, observation, ORIGIN, config)
             self.memories.append(memory)
             self.commands.append(command)
@@ -69,14 +68,6 @@ class Run:
         self.end = self.robot.pose
 
     @property
-    def distances(self):
-        return [math.hypot(pose.x, pose.y) for pose in self.poses]
-
-    @property
-    def largest_heading(self):
-        return max(abs(pose.theta) for pose in self.poses)
-
-    @property
     def settled_after(self):
         outside = [i for i, p in enumerate(self.poses) if math.hypot(p.x, p.y) > 0.1 or abs(p.theta) > 0.1]
-        return T_S * (outside[-1] + 1) if outside else 0.0
+        return self.period * (outside[-1] + 1) if outside else 0.0

@@ -1,1 +1,1 @@
-"""Goals from outside: topics, services, actions, files."""
+"""Goals by topic and by action, the services that cancel them, and the client of the controller."""

@@ -1,10 +1,12 @@
-"""Nav2's actions, served by the controller. A newer goal by topic or by action replaces a goal by action.
+"""Nav2's actions, served by the controller. A newer goal, by topic or by action, replaces a goal by action.
 
-The actions exist where nav2_msgs can be imported, i.e. on a ROS installation with Nav2's messages. A controller in map
+The actions exist if nav2_msgs can be imported, i.e. in a ROS installation with Nav2's messages. A controller in map
 serves ``navigate_to_pose``, ``navigate_through_poses`` and ``follow_path``. A controller in the frame of a dock serves
-``dock_robot`` and ``undock_robot``: docking is the goal (0, 0, 0), undocking the staging pose. The robot docks where it
-detects the dock, so ``dock_pose``, ``dock_type`` and ``max_staging_time`` are ignored. There is no database of docks
-and no drive in map, so ``use_dock_id`` and ``navigate_to_staging_pose`` are refused.
+``dock_robot`` and ``undock_robot``: the goal of docking is (0, 0, 0), and the goal of undocking is the staging pose.
+
+The robot docks where it detects the dock, so ``dock_pose``, ``dock_type`` and ``max_staging_time`` are ignored. The
+node does not have a database of docks, so ``use_dock_id`` is refused. The node does not drive in map, so
+``navigate_to_staging_pose`` is refused.
 """
 
 from __future__ import annotations
@@ -33,21 +35,21 @@ if TYPE_CHECKING:
 
 SOURCE = "action"
 FAILED = 9000
-"""error_code of a goal that was not reached if its action has no code for that: *unknown* of Nav2's navigate_to_pose"""
+"""error_code of a goal that was not reached, for actions without a code of their own: unknown error of Nav2"""
 _ERRORS = {NOT_REACHED: "FAILED_TO_MAKE_PROGRESS", POSE_LOST: "TF_ERROR", REFUSED: "INVALID_PATH"}
-"""Error code of follow_path for an end; UNKNOWN for the other ends."""
+"""Error codes by the end of the goal; UNKNOWN for the other ends."""
 _STATES = {docking.STAGING: "NAV_TO_STAGING_POSE", docking.RETREATING: "RETRY"}
-"""State of Nav2's feedback for a phase of docking; CONTROLLING for the other phases."""
+"""States of Nav2's feedback by the phase of docking; CONTROLLING for the other phases."""
 _DOCK_ERRORS = {NOT_REACHED: "FAILED_TO_CONTROL", POSE_LOST: "FAILED_TO_DETECT_DOCK"}
-"""Error code of docking for an end; UNKNOWN for the other ends, and FAILED_TO_CONTROL if an action lacks the code."""
+"""Error codes of docking by the end of the goal; UNKNOWN for the other ends, or FAILED_TO_CONTROL without this code."""
 
 
 class _DeferredActionServer(ActionServer):  # type: ignore[misc]
-    """An action server whose goals need no task while they run.
+    """An action server without a task for each running goal.
 
-    ``handle.execute()`` only marks a goal as executing, and ``notify_execute(handle, finish)`` ends it. In rclpy a
-    coroutine would wait for the end. Its SingleThreadedExecutor resumes a waiting coroutine all the time and uses a
-    whole processor.
+    ``handle.execute()`` only marks a goal as executing, and ``notify_execute(handle, finish)`` ends it. The usual task
+    is a coroutine that waits for the end of the goal. But the SingleThreadedExecutor of rclpy resumes a waiting
+    coroutine all the time, and uses a whole processor.
     """
 
     def notify_execute(
@@ -59,7 +61,7 @@ class _DeferredActionServer(ActionServer):  # type: ignore[misc]
 
 
 class ActionServers(ABC):
-    """Action servers of one controller. A subclass translates their messages."""
+    """Base class of the action servers of a controller. A subclass translates the messages."""
 
     NEEDED: tuple[str, ...]
     """names of the types in the module nav2_msgs.action"""
@@ -105,7 +107,7 @@ class ActionServers(ABC):
             execute_callback=lambda _: action_type.Result(),  # required but never called: see notify_execute
             goal_callback=lambda goal: self._on_goal(name, goal),
             handle_accepted_callback=lambda handle: self._on_accepted(server, handle),
-            cancel_callback=self._on_cancel,
+            cancel_callback=lambda handle: self._on_cancel(name, handle),
         )
         return server
 
@@ -125,12 +127,13 @@ class ActionServers(ABC):
         try:
             self.node.goals.accept(self.message_of(handle.request), SOURCE, goal_id)
         except BadMessageError as error:
-            # Since the goal was checked, the node was deactivated, or a transform became too old.
+            # Since the check in _on_goal, the node was deactivated, or a transform became too old.
             self.node.supervisor.goals.refuse(GoalRequest(goal_id, SOURCE, self.node.now()), REFUSED, str(error))
             self.node.goals.publish_changes()
 
-    def _on_cancel(self, handle: ServerGoalHandle) -> CancelResponse:
-        is_cancelled = self.node.goals.cancel_goal(bytes(handle.goal_id.uuid).hex())
+    def _on_cancel(self, name: str, handle: ServerGoalHandle) -> CancelResponse:
+        reason = f"by a client of the action {name}"
+        is_cancelled = self.node.goals.cancel_goal(bytes(handle.goal_id.uuid).hex(), reason)
         return CancelResponse.ACCEPT if is_cancelled else CancelResponse.REJECT
 
     def _finish(self, record: GoalRecord) -> None:
@@ -141,7 +144,7 @@ class ActionServers(ABC):
         self.fill_result(result, record)
 
         def finish(handle: ServerGoalHandle) -> Any:
-            # For the action, a goal can end as cancelled only if its own client has cancelled it.
+            # An action goal can end as cancelled only after a request to cancel it.
             if record.end == REACHED:
                 handle.succeed()
             elif record.end == CANCELLED and handle.is_cancel_requested:
@@ -150,7 +153,7 @@ class ActionServers(ABC):
                 handle.abort()
             return result
 
-        # In a task, because rclpy marks the goal as cancelling only after the cancel callback.
+        # As a task, because rclpy marks the goal as cancelling only after the cancel callback.
         server.notify_execute(handle, finish)
 
     def _on_feedback(self, feedback: GoalFeedback) -> None:
@@ -174,11 +177,11 @@ class Nav2Actions(ActionServers):
         """Return the pose or the path of a goal."""
         if hasattr(goal, "path"):
             if goal.controller_id or goal.goal_checker_id:
-                text = "follow_path: the controller has one law: controller_id and the ids of checkers are ignored"
+                text = "follow_path: controller_id and goal_checker_id are ignored: the controller has one of each"
                 self.node.get_logger().info(text, once=True)
             return goal.path
         if goal.behavior_tree:
-            self.node.get_logger().info("there are no behavior trees: behavior_tree is ignored", once=True)
+            self.node.get_logger().info("behavior_tree is ignored: the controller does not run trees", once=True)
         if hasattr(goal, "pose"):
             return goal.pose
         if not goal.poses:
@@ -186,7 +189,7 @@ class Nav2Actions(ActionServers):
         return Path(header=goal.poses[0].header, poses=goal.poses)
 
     def fill_result(self, result: Any, record: GoalRecord) -> None:
-        """Fill in the error, if the goal was not reached."""
+        """Fill in the error if the goal was not reached."""
         if record.end != REACHED:
             unknown = getattr(result, "UNKNOWN", FAILED)
             result.error_code = getattr(result, _ERRORS.get(record.end, "UNKNOWN"), unknown)
@@ -217,7 +220,7 @@ class DockActions(ActionServers):
     def __init__(self, node: ControllerNode, actions: Any) -> None:
         """Create the servers; ``actions`` is the module nav2_msgs.action."""
         self._tries: tuple[str, int] = "", 0
-        """id of the goal of the newest feedback, and number of approaches that were broken off"""
+        """id of the goal of the newest feedback, and number of its approaches that were broken off"""
         super().__init__(node, actions)
 
     def message_of(self, goal: Any) -> Any:
@@ -228,17 +231,17 @@ class DockActions(ActionServers):
                 raise BadMessageError("max_undocking_time is not positive", f"{goal.max_undocking_time:g} s")
             pose = pose_on_axis(config.staging_distance, config.dock_backward)
         elif goal.use_dock_id:
-            raise BadMessageError("use_dock_id is true", "there is no database of docks")
+            raise BadMessageError("use_dock_id is true", "the node does not have a database of docks")
         elif goal.navigate_to_staging_pose:
             raise BadMessageError(
-                "navigate_to_staging_pose is true", "drive to a pose from which the dock is seen first"
+                "navigate_to_staging_pose is true", "first drive to a pose from which the robot detects the dock"
             )
         else:
             pose = Pose(0.0, 0.0, 0.0)
         return goal_message(pose, self.node.config.map_frame, 0)
 
     def fill_result(self, result: Any, record: GoalRecord) -> None:
-        """Fill in success, error and the number of approaches that were broken off."""
+        """Fill in success, error and the number of retries."""
         result.success = record.end == REACHED
         if not result.success:
             name = _DOCK_ERRORS.get(record.end, "UNKNOWN")
@@ -246,7 +249,7 @@ class DockActions(ActionServers):
             result.error_msg = record.text
         if hasattr(result, "num_retries"):
             goal, tries = self._tries
-            # If another goal has replaced this goal, the memory of the law is new already.
+            # If another goal has replaced this goal, the memory of the law is already new.
             result.num_retries = max(self.node.supervisor.memory.stage.tries, tries if goal == record.request.id else 0)
 
     def give_feedback(self, handle: ServerGoalHandle, message: Any, feedback: GoalFeedback) -> None:
@@ -264,13 +267,13 @@ class DockActions(ActionServers):
 
 
 def serve(kind: type[ActionServers], node: ControllerNode) -> ActionServers | None:
-    """Serve the actions if nav2_msgs contains them; otherwise log a line and return None."""
+    """Create the servers if nav2_msgs contains their actions; otherwise log a line and return None."""
     try:
         from nav2_msgs import action as actions  # noqa: PLC0415 - no wheel contains it
     except ImportError:
         actions = None
     missing = [name for name in kind.NEEDED if not hasattr(actions, name)]
     if missing:
-        node.get_logger().info(f"no {missing[0]} in nav2_msgs: goals by topic, without the action")
+        node.get_logger().info(f"nav2_msgs.action.{missing[0]} cannot be imported: goals by topic only, not by action")
         return None
     return kind(node, actions)

@@ -1,8 +1,7 @@
 """A client of the controller: it sends a goal until the controller has accepted it, and reports how the goal ends.
 
 A goal is a message on goal_pose or path, identified by its frame and stamp. The client repeats the message until the
-goal is in ~/goal_status, which is latched; the controller accepts it once. The end comes on ~/goal_results, which is
-latched, too.
+goal is in ~/goal_status; the controller accepts it once. The end arrives on ~/goal_results. Both topics are latched.
 """
 
 from __future__ import annotations
@@ -32,26 +31,27 @@ from diffbot_core.geometry import Pose
 from diffbot_core.ros.qos import LATCHED, QUEUE, STATUS
 
 LOST = "lost"
-"""End of a goal whose controller is gone, or was restarted and does not know the goal."""
+"""End of a goal whose controller is gone, or was restarted and does not know the goal any more."""
 REPEAT_PERIOD = 1.0
-"""[s] after which a message or a request is repeated, because it can be lost during discovery."""
+"""[s] time after which a message or a request is repeated, because it can be lost during discovery"""
 SILENCE = 10.0
-"""[s] time without any message after which a controller counts as dead even if DDS has not reported its end"""
+"""[s] time without a message after which a controller counts as dead, even if DDS has not reported its end"""
 DELAY = 1.0
-"""[s] largest delay of a message of a living controller"""
+"""[s] largest delay of a message of a running controller"""
 _PAUSE = 0.5
-"""[s] largest time between two checks of a client that handles its messages"""
+"""[s] largest time between two checks while the client handles its messages"""
 _SPIN = 0.02
+"""[s] longest wait for one message"""
 _STATES, _STATES_TYPE = "/goal_status", "action_msgs/msg/GoalStatusArray"
-"""End of the name, and type, of a topic of every controller"""
+"""Topic by which a controller is found: end of its name, and its type."""
 
 
 class GoalRefusedError(DiffbotError):
-    """The controller refuses the goal; the text says why."""
+    """The controller has refused the goal; the text contains the reason."""
 
 
 class NoControllerError(DiffbotError):
-    """No controller answers."""
+    """No controller has answered."""
 
 
 class TaskFeedback(NamedTuple):
@@ -65,24 +65,24 @@ class TaskFeedback(NamedTuple):
     number_of_poses_remaining: int
     number_of_recoveries: int = 0
     current_waypoint: int = 0
-    """number from 0 of the waypoint that ``followWaypoints`` drives to"""
+    """index of the waypoint to which ``followWaypoints`` drives"""
 
 
 class GoalTask:
-    """A goal that was sent."""
+    """A goal that was sent, and its end."""
 
     def __init__(self, goal_id: str = "") -> None:
-        """Start without a result; an empty id stands for no goal."""
+        """Start without an end; an empty id stands for no goal."""
         self.id = goal_id
         self.end = ""
         """one of record.ENDS or LOST; empty before the end"""
         self.reason = ""
         """reason of the end; may be empty"""
         self.elapsed = math.nan
-        """[s] from the acceptance to the end, by the controller; nan where it does not report the end"""
+        """[s] from the acceptance to the end, as the controller reports it; nan if it does not report the end"""
         self.feedback: TaskFeedback | None = None
         self.is_sent = self.is_accepted = False
-        """the controller may have received the goal; the controller has accepted it"""
+        """True if the goal was published; True if the controller has accepted it"""
 
     @property
     def text(self) -> str:
@@ -96,7 +96,7 @@ class GoalTask:
 
 
 class GoalClient(Node):  # type: ignore[misc]
-    """Sends goals to one controller. Not thread-safe; it spins itself, and must not be added to an executor."""
+    """Sends goals to one controller. It is not thread-safe. It spins itself, so do not add it to an executor."""
 
     def __init__(
         self,
@@ -114,10 +114,10 @@ class GoalClient(Node):  # type: ignore[misc]
             node_name: name of this node.
             namespace: namespace of this node and of the robot.
             controller: name of the robot's controller.
-            frame: of goals without a frame, and of the poses in the feedback.
-            restart_timeout: [s] grace period before the goals of a controller that disappears are LOST. Set it longer
-                if the controller's process or network pauses.
-            prefix: prefix of the topics goal_pose and path, ``dock/`` for the controller that docks.
+            frame: frame of goals without a frame, and of the poses in the feedback.
+            restart_timeout: [s] grace period before the goals of a controller that disappears are LOST. Increase it if
+                the process of the controller or the network pauses.
+            prefix: prefix of the topics goal_pose and path; ``dock/`` for the controller that docks.
             node_options: options of rclpy's Node, such as ``context``. By default the node has no parameter services.
         """
         node_options.setdefault("start_parameter_services", False)
@@ -126,9 +126,9 @@ class GoalClient(Node):  # type: ignore[misc]
         self.task = GoalTask()
         """the newest goal"""
         self.problem = ""
-        """what hinders the robot at present, as the controller reports it; empty for nothing"""
+        """what keeps the robot from driving, as the controller reports it; may be empty"""
         self.is_stopped: Callable[[], bool] = lambda: False
-        """called while the client waits; True ends the wait as a timeout does"""
+        """function to call while the client waits; True ends the wait like a timeout"""
         self._known: set[str] = set()
         """ids of the goals in the newest goal_status"""
         self._restart_timeout = restart_timeout
@@ -146,20 +146,20 @@ class GoalClient(Node):  # type: ignore[misc]
 
     @classmethod
     def in_own_context(cls, **options: Any) -> Any:
-        """Return a client with its own context, which :meth:`close` shuts down; no signal handlers are installed."""
+        """Return a client with its own context and without signal handlers; :meth:`close` shuts the context down."""
         context = rclpy.Context()
         rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
         return cls(context=context, **options)
 
     def close(self, shut_down: bool = True) -> None:
-        """Leave the graph, and shut the context down unless others use it."""
+        """Destroy the node; with ``shut_down`` also shut the context down."""
         self._executor.shutdown()
         self.destroy_node()
         if shut_down:
             self.context.try_shutdown()
 
     def spin_until(self, condition: Callable[[], Any], timeout: float) -> bool:
-        """Handle messages until ``condition()`` is true; return False if it is not within ``timeout`` [s]."""
+        """Handle messages until ``condition()`` is true; return False after ``timeout`` [s] without it."""
         deadline = time.monotonic() + timeout
         while not condition():
             if time.monotonic() >= deadline or self.is_stopped() or not self.context.ok():
@@ -168,11 +168,11 @@ class GoalClient(Node):  # type: ignore[misc]
         return True
 
     def wait_until_ready(self, timeout: float = math.inf) -> bool:
-        """Wait until the controller receives goals; return False if it does not within ``timeout`` [s]."""
+        """Wait until the controller can receive goals; return False after ``timeout`` [s] without it."""
         return self.spin_until(self.is_ready, timeout)
 
     def is_ready(self) -> bool:
-        """Return True if the controller receives goals."""
+        """Return True if the controller can receive goals and cancellations."""
         publishers = self._goals, self._paths
         return (
             self._states.get_publisher_count() > 0
@@ -184,20 +184,20 @@ class GoalClient(Node):  # type: ignore[misc]
         """Return the full names of all controllers in this domain, sorted."""
         found = dict(self.get_topic_names_and_types())
         mine = [name for name, types in found.items() if name.endswith(_STATES) and _STATES_TYPE in types]
-        mine = [name for name in mine if self.count_publishers(name) > 0]  # subscribers are listed, too
+        mine = [name for name in mine if self.count_publishers(name) > 0]  # others have subscribers only
         return sorted(name.removesuffix(_STATES) for name in mine)
 
     def send_goal(self, poses: Sequence[Pose], frame: str = "", timeout: float = math.inf) -> GoalTask:
-        """Send a goal, or a path of several, and wait until it is accepted.
+        """Send a goal, or a path of several poses, and wait until the controller accepts it.
 
         Raises:
-            GoalRefusedError: in one line, if the controller refuses the goal; ``task`` is the former task again.
-            NoControllerError: in one line, if no controller answers within ``timeout`` [s], or ``is_stopped``. If
-                ``task.is_sent``, the controller may have accepted the goal nevertheless; :meth:`cancel` cancels it.
+            GoalRefusedError: if the controller refuses the goal; ``task`` is the previous task again.
+            NoControllerError: if no controller answers within ``timeout`` [s], or if ``is_stopped`` returns True. The
+                controller may have accepted the goal nevertheless if ``task.is_sent``; then :meth:`cancel` it.
         """
-        # The system's clock even if time is simulated, because the stamp has to identify the goal.
+        # The clock of the system even if time is simulated, because the stamp identifies the goal.
         frame, stamp = frame or self.frame, time.time_ns()
-        former, self.task = self.task, GoalTask(goal_id(frame, stamp))
+        previous, self.task = self.task, GoalTask(goal_id(frame, stamp))
         message: Any = goal_message(poses[0], frame, stamp) if poses else None
         if len(poses) != 1:
             message = Path(poses=[goal_message(pose, frame, stamp) for pose in poses])
@@ -212,14 +212,14 @@ class GoalClient(Node):  # type: ignore[misc]
             self.task.is_sent = True
             if self.spin_until(lambda: self.task.is_accepted or self.task.end, min(left, REPEAT_PERIOD)):
                 if self.task.end == REFUSED:
-                    refused, self.task = self.task, former
+                    refused, self.task = self.task, previous
                     raise GoalRefusedError(f"goal refused: {refused.reason}")
                 return self.task
         name = self.resolve_topic_name(f"{self.controller}/goal_status")
         raise NoControllerError(f"no answer on {name}: does the controller run, with the same ROS_DOMAIN_ID?")
 
     def wait_for_end(self, timeout: float) -> bool:
-        """Handle messages until the newest goal has ended; return False if it has not within ``timeout`` [s]."""
+        """Handle messages until the newest goal has ended; return False after ``timeout`` [s] without its end."""
         return self.spin_until(self._has_ended, timeout) or bool(self.task.end)
 
     def _has_ended(self) -> bool:
@@ -231,9 +231,9 @@ class GoalClient(Node):  # type: ignore[misc]
         return bool(self.task.end)
 
     def cancel(self, timeout: float = 5.0) -> bool:
-        """Cancel the newest goal and wait until the robot rests; return False if the goal has not ended in time.
+        """Cancel the newest goal and wait until the robot is at rest; return False if the goal does not end in time.
 
-        The goal may still end in another way at the last moment, see ``task.end``.
+        The goal may end in another way before it is cancelled: see ``task.end``.
         """
         if not self.task.is_sent:
             return True
@@ -247,12 +247,10 @@ class GoalClient(Node):  # type: ignore[misc]
             future = self._cancel.call_async(request)
             answered = self.spin_until(future.done, min(left, REPEAT_PERIOD))
             self._cancel.remove_pending_request(future)
-            # The message of an unknown goal may still arrive.
+            # The controller may not know the goal yet, because the message of the goal is still on its way.
             is_known = answered and future.result().return_code != CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID
             self.wait_for_end(max(deadline - time.monotonic(), 0.0) if is_known else min(left, _PAUSE))
         return bool(self.task.end)
-
-    # What the controller says
 
     def _on_states(self, message: GoalStatusArray) -> None:
         self._last_sign = time.monotonic()
@@ -265,7 +263,7 @@ class GoalClient(Node):  # type: ignore[misc]
                 values = {pair.key: pair.value for pair in status.values}
                 try:
                     elapsed = float(values.get("elapsed time [s]", "nan"))
-                except ValueError:  # of another publisher on this topic
+                except ValueError:  # a message of another publisher
                     elapsed = math.nan
                 self.task.close(status.message, values.get("reason", ""), elapsed)
 
@@ -276,7 +274,7 @@ class GoalClient(Node):  # type: ignore[misc]
         try:
             self.task.feedback = self._feedback_of({pair.key: pair.value for pair in message.values})
         except (KeyError, ValueError, TypeError, OverflowError):
-            return  # another publisher uses this topic; the client does not need the feedback
+            return  # a message of another publisher; the client can do without it
 
     def _feedback_of(self, values: dict[str, str]) -> TaskFeedback:
         x, y, theta = (float(word) for word in values["pose"].split())
@@ -291,13 +289,12 @@ class GoalClient(Node):  # type: ignore[misc]
         fill_duration(feedback.estimated_time_remaining, float(values["estimated time remaining [s]"]))
         return feedback
 
-    # Whether the controller lives
-
     def _watch_controller(self) -> None:
-        """Subscribe to the status, whose publisher has a lease.
+        """Subscribe to the status, to notice that the controller has ended.
 
-        DDS reports the end of a process that no longer renews its lease, and does not report a busy process. Silence
-        reveals a process that hangs, since the status is published twice a second.
+        The publisher of the status has a lease. DDS reports a process that does not renew its lease, because it has
+        ended, but not a process that hangs. The client notices a process that hangs by its silence: the status is
+        published twice a second.
         """
         topic = f"{self.controller}/status"
         events = SubscriptionEventCallbacks(liveliness=self._on_liveliness)
@@ -317,12 +314,12 @@ class GoalClient(Node):  # type: ignore[misc]
             self._lost = time.monotonic()
 
     def _is_gone(self) -> bool:
-        """Return True if the controller has died or left, and has not come back in time."""
+        """Return True if the controller has ended, and was not restarted within the grace period."""
         now = time.monotonic()
         before, self._last_look = self._last_look, now
         if now - before > _PAUSE:
             self._last_sign = now
-        # DDS may report a loss late, or not report its end, so a later message cancels the loss. A busy machine delays
-        # messages, so the client waits longer than the controller, which ends its goal by itself.
+        # DDS may report a loss too late, or not report the return, so a later message cancels the loss. A busy machine
+        # delays messages, so the client waits longer than the controller, which ends its goal after a suspension.
         is_lost = self._lost is not None and (now - max(self._lost, self._last_sign + DELAY) >= self._restart_timeout)
         return is_lost or now - self._last_sign >= self._restart_timeout + SILENCE

@@ -1,19 +1,20 @@
-"""Receives goals of the controller by topic or action, accepts or refuses them, and reports progress and results."""
+"""The goal server of the controller: it receives goals, accepts or refuses them, and reports progress and results."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from action_msgs.srv import CancelGoal
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
+from rclpy.node import NodeNameNonExistentError
 from std_srvs.srv import Trigger
 
 from diffbot_control.goals import states
-from diffbot_control.goals.path import time_remaining
-from diffbot_control.goals.path_headings import with_headings
+from diffbot_control.goals.path import time_remaining, with_headings
 from diffbot_control.goals.record import CANCELLED, REFUSED, REPLACED, GoalRecord, GoalRequest, goal_id
 from diffbot_control.ros.controller_publishers import goal_info
 from diffbot_control.ros.messages.conversions import path_from, read_path
@@ -30,12 +31,12 @@ if TYPE_CHECKING:
 
 GOAL_TOPIC, PATH_TOPIC, UPDATE_TOPIC = "goal_pose", "path", "goal_update"
 REPEATED, WITHOUT_GOAL = "goals that are known already", f"{UPDATE_TOPIC} without a goal"
-"""Counters in /diagnostics of messages that are normal: a client repeats a goal until the controller reports it."""
+"""Counters in /diagnostics. Both are normal: a client repeats a goal until the controller reports it."""
 FEEDBACK_PERIOD = 0.2
 """[s] between two messages of feedback"""
 _PERIOD, _BURST = 0.05, 10
-"""[s] between two goals by topic, and number of goals that are accepted at once after a pause. In a flood of goals the
-newest one is accepted, and the node answers poses in between."""
+"""[s] smallest time between two goals by topic, and number of goals that are accepted at once after a pause. In a flood
+of goals the newest one is accepted, and the node still answers poses."""
 _UPDATE_TIMEOUT = 1.0
 """[s] largest age of a goal_update"""
 
@@ -52,15 +53,16 @@ class GoalFeedback(NamedTuple):
     elapsed: float
     """[s] since the goal was accepted"""
     remaining: float
-    """[s] estimated time to the end of the goal"""
+    """[s] estimated time until the goal is reached"""
     poses: int
     """number of goals of the path that remain"""
 
 
 class _GoalTransforms:
-    """Looks up transforms for goals; for a stamp ahead of the controller's time, the newest transform.
+    """Looks up transforms for goals; uses the newest transform if the stamp is ahead of the controller's time.
 
-    Clients stamp goals by the clock of their computer even if time is simulated, because the stamp identifies the goal.
+    Clients stamp goals with the clock of their computer even if time is simulated, because the stamp identifies the
+    goal.
     """
 
     def __init__(self, transforms: Transforms, now: float) -> None:
@@ -74,20 +76,20 @@ class _GoalTransforms:
 
 
 class GoalServer:
-    """Receives goals, corrections and cancellations for the supervisor of the node."""
+    """Receives goals, corrections and cancellations, and passes them to the supervisor of the node."""
 
     def __init__(self, node: ControllerNode) -> None:
         """Create subscriptions, services and the timer of the feedback."""
         self._node = node
         self.on_end: list[Callable[[GoalRecord], None]] = []
-        """functions that are called once with each goal that has ended"""
+        """functions to call once with the record of each goal that has ended"""
         self.on_feedback: list[Callable[[GoalFeedback], None]] = []
-        """functions that are called every FEEDBACK_PERIOD while the robot drives to a goal"""
+        """functions to call every FEEDBACK_PERIOD while the robot drives to a goal"""
         self._transforms = transforms_of(node, node.config.transform_tolerance)
         self._waiting: tuple[Any, GoalRequest] | None = None
-        """newest goal by topic that is neither accepted nor refused yet"""
+        """newest goal by topic, while it is neither accepted nor refused"""
         self._busy_until, self._newest_stamp = 0.0, 0
-        """[s] steady time up to which goals by topic have used the rate; [ns] stamp of the last goal without a stamp"""
+        """[s] steady time until which the rate of goals is used up; [ns] newest stamp given to a goal that had none"""
         self._first_distance = 0.0
         """[m] largest remaining distance of the present goal"""
         self._update_stamps = StampWatch()
@@ -98,14 +100,12 @@ class GoalServer:
         node.create_service(CancelGoal, "~/cancel_goal", self._on_cancel_goal)
         node.create_timer(FEEDBACK_PERIOD, self._publish_feedback, clock=node.steady_clock)
 
-    # Acceptance
-
     def _receive(self, message: Any, topic: str) -> None:
-        """Accept a goal or a path by topic, a little later if many others have just arrived."""
+        """Accept a goal or a path by topic, or let it wait if many others have just arrived."""
         header = message.header
         stamp, now = stamp_ns(header.stamp), self._node.now()
         if not stamp:
-            # Two goals without a stamp are different goals, even while a simulated clock stands still.
+            # Two goals without a stamp are different goals, even if a simulated clock stands still.
             stamp = self._newest_stamp = max(round(now * NS_PER_S), self._newest_stamp + 1)
         request = GoalRequest(goal_id(header.frame_id, stamp), topic, now)
         is_waiting = self._waiting is not None and self._waiting[1].id == request.id
@@ -121,7 +121,7 @@ class GoalServer:
         return self._busy_until - time.monotonic() > (_BURST - 1) * _PERIOD
 
     def take_waiting(self) -> None:
-        """Accept or refuse the waiting goal, if the rate of goals allows it."""
+        """Accept or refuse the waiting goal, if there is one and the rate of goals allows it."""
         if self._waiting is None or self._is_busy():
             return
         topic = self._waiting[1].source
@@ -141,7 +141,7 @@ class GoalServer:
         """Accept the waiting goal or refuse it.
 
         Raises:
-            BadMessageError: if the goal cannot be used; its text is the reason of the refusal.
+            BadMessageError: if the goal is refused; the text is the reason.
         """
         if self._waiting is None:
             return
@@ -156,7 +156,7 @@ class GoalServer:
         self._accept(goals, message, request)
 
     def goals_of(self, message: Any) -> list[Pose]:
-        """Return the goals of a PoseStamped or a Path in ``map_frame``.
+        """Return the poses of a PoseStamped or a Path in ``map_frame``.
 
         Raises:
             BadMessageError: if the message cannot be used, or the node is inactive.
@@ -169,10 +169,10 @@ class GoalServer:
         return [pose_in_frame(message.pose, message.header, frame, transforms)]
 
     def accept(self, message: PoseStamped | Path, source: str, goal_id: str) -> None:
-        """Accept a goal or a path of an action, at once.
+        """Accept a goal or a path of an action at once.
 
         Raises:
-            BadMessageError: if the message cannot be used; nothing changes then.
+            BadMessageError: if the message cannot be used; the present goal does not change.
         """
         goals = self.goals_of(message)
         self.drop_waiting(REPLACED, f"by a newer goal ({source})")
@@ -182,12 +182,12 @@ class GoalServer:
         supervisor = self._node.supervisor
         if hasattr(message, "poses"):
             followed = goals
-            if supervisor.config.waypoint_radius > 0.0:  # otherwise the robot reaches each pose with its heading
+            if supervisor.config.waypoint_radius > 0.0:  # otherwise the robot reaches each pose, with its heading
                 followed = with_headings(goals, all(one.pose.orientation.w == 1.0 for one in message.poses[1:-1]))
             supervisor.on_path(followed, request)
             text = f"path of {len(goals)} goals"
             if followed is not goals:
-                text += ": its orientations are equal and contradict its direction, which replaces them"
+                text += ": its orientations are equal and contradict its direction, so the direction replaces them"
         else:
             supervisor.on_goal(goals[0], request)
             text = "goal: x {:.3f} m, y {:.3f} m, heading {:.3f} rad".format(*goals[0])
@@ -200,8 +200,8 @@ class GoalServer:
         """Correct the present goal.
 
         Raises:
-            BadMessageError: if the correction is far from the goal, or its stamp is old or does not advance: its
-                sender may no longer detect the goal.
+            BadMessageError: if the correction is far from the goal, or if its stamp is old or does not advance, because
+                its sender may no longer detect the goal.
         """
         node = self._node
         if node.supervisor.goals.present is None:
@@ -213,29 +213,43 @@ class GoalServer:
             if age > _UPDATE_TIMEOUT:
                 raise BadMessageError("stamp too old", f"{age:.3g} s, at most {_UPDATE_TIMEOUT:g} s")
             if not self._update_stamps.advances(stamp):
-                raise BadMessageError("stamp not later than the one before")
+                raise BadMessageError("stamp not later than the previous stamp")
         node.supervisor.on_goal_update(goal)
 
-    # Cancellation
+    def cancel(self, reason: str) -> bool:
+        """Drop the goal and start to brake; return True if there was a goal.
 
-    def cancel(self) -> bool:
-        """Drop the goal and start to brake; return True if there was a goal."""
+        Args:
+            reason: who cancels the goal, such as ``by a call of /controller/cancel``.
+        """
         node, supervisor = self._node, self._node.supervisor
-        had_goal = self.drop_waiting(CANCELLED, "") or supervisor.goal is not None
-        command = supervisor.on_cancel()
+        had_goal = self.drop_waiting(CANCELLED, reason) or supervisor.goal is not None
+        if had_goal:
+            node.get_logger().info(f"goal cancelled {reason}")
+        command = supervisor.on_cancel(reason)
         if command is not None:
             node.outputs.commands.send(command)
         node.outputs.publish_status(supervisor)
         self.publish_changes(force=had_goal)
         return had_goal
 
-    def cancel_goal(self, goal_id: str) -> bool:
+    def cancel_goal(self, goal_id: str, reason: str) -> bool:
         """Cancel the present goal if its id is ``goal_id``; return True if it is."""
         present = self._node.supervisor.goals.present
-        return present is not None and present.request.id == goal_id and (present.is_cancelling or self.cancel())
+        return present is not None and present.request.id == goal_id and (present.is_cancelling or self.cancel(reason))
+
+    def _caller_of(self, service: str) -> str:
+        """Return who has called a service of this node: one of its clients. A request does not name its sender."""
+        node, clients = self._node, set[str]()
+        service = node.resolve_service_name(service)
+        for name, namespace in node.get_node_names_and_namespaces():
+            with suppress(NodeNameNonExistentError):  # the node has just left the graph
+                if service in dict(node.get_client_names_and_types_by_node(name, namespace)):
+                    clients.add(f"{namespace.rstrip('/')}/{name}")
+        return f"by a call of {service}" + (f" from {' or '.join(sorted(clients))}" if clients else "")
 
     def _on_cancel(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success = self.cancel()
+        response.success = self.cancel(self._caller_of("~/cancel"))
         response.message = "cancelled" if response.success else "there was no goal"
         return response
 
@@ -254,7 +268,8 @@ class GoalServer:
             or (has_time and round(present.request.time * NS_PER_S) <= until.sec * NS_PER_S + until.nanosec)
             or not (is_named or has_time)
         )
-        if present is not None and is_meant and (present.is_cancelling or self.cancel()):
+        if present is not None and is_meant:
+            self.cancel_goal(present.request.id, self._caller_of("~/cancel_goal"))
             response.goals_canceling = [goal_info(present)]
         elif is_named:
             response.return_code = CancelGoal.Response.ERROR_GOAL_TERMINATED
@@ -262,10 +277,8 @@ class GoalServer:
             response.return_code = CancelGoal.Response.ERROR_REJECTED
         return response
 
-    # Answers
-
     def publish_changes(self, force: bool = False) -> None:
-        """Publish states and results if a goal has ended since the last call; with ``force``, the states always."""
+        """Publish states and results if a goal has ended since the last call; with ``force``, always the states."""
         book = self._node.supervisor.goals
         news = book.take_news()
         if not (force or news):
@@ -275,23 +288,18 @@ class GoalServer:
             for listener in self.on_end:
                 listener(record)
 
-    def feedback(self) -> GoalFeedback | None:
-        """Return the progress towards the present goal; None without a goal or before the first pose."""
+    def _publish_feedback(self) -> None:
+        """Publish the progress towards the present goal, if there is a goal and a pose."""
         supervisor = self._node.supervisor
         present = supervisor.goals.present
         if present is None or supervisor.pose is None:
-            return None
+            return
         distance, elapsed = supervisor.distance_remaining(), supervisor.elapsed
         self._first_distance = max(self._first_distance, distance)
         remaining = time_remaining(distance, self._first_distance, elapsed, supervisor.data_sheet.v_max)
         state = states.CANCELLING if present.is_cancelling else states.DRIVING
         ahead = len(supervisor.goals_ahead)
-        return GoalFeedback(present.request.id, state, supervisor.pose, distance, elapsed, remaining, ahead)
-
-    def _publish_feedback(self) -> None:
-        feedback = self.feedback()
-        if feedback is None:
-            return
+        feedback = GoalFeedback(present.request.id, state, supervisor.pose, distance, elapsed, remaining, ahead)
         self._node.outputs.publish_feedback(feedback)
         for listener in self.on_feedback:
             listener(feedback)

@@ -22,25 +22,25 @@ ALL, PATHS = "all", "follow_path"
 class PoseFallback(NamedTuple):
     """Uncertainty of a pose whose covariance is all zero, i.e. unknown.
 
-    The defaults are a fifth of the default tolerances. With errors up to 0.05 m and 0.05 rad the probability to be
-    inside is then 0.99 (``reached_probability``), so goals can be reached. With narrower tolerances the status may be
-    ``tolerance below uncertainty`` until these parameters hold the true values.
+    The defaults are a fifth of the default tolerances. With errors up to 0.05 m and 0.05 rad, the probability of being
+    within the tolerances is then 0.99 (``reached_probability``), so goals can be reached. With narrower tolerances, the
+    status may be ``tolerance below uncertainty`` until these parameters have the true values.
     """
 
     pose_sigma_xy: Annotated[
-        float, Spec("deviation of the position of a pose without covariance (all zero)", "m", minimum=1e-4, maximum=1e3)
+        float, Spec("standard deviation of the position of a pose without covariance (all zero)", "m", 1e-4, 1e3)
     ] = 0.02
     pose_sigma_yaw: Annotated[
-        float, Spec("deviation of the heading of a pose without covariance", "rad", minimum=1e-4, maximum=1e3)
+        float, Spec("standard deviation of the heading of a pose without covariance (all zero)", "rad", 1e-4, 1e3)
     ] = 0.02
 
 
 class ControllerNodeConfig(NamedTuple):
-    """Parameters of the node ``controller`` with the law ``switching``; :func:`parameter_set_of` is for other laws."""
+    """Parameters of the node ``controller`` with the law ``switching``; see :func:`parameter_set_of` for other laws."""
 
     law: Annotated[
         str,
-        Spec("law that drives: a registered name, or package.module:Class; by default that of preset", read_only=True),
+        Spec("registered name of the law, or package.module:Class; default: the law of preset", read_only=True),
     ] = SwitchingLaw.name
     preset: Annotated[
         str, Spec("set of defaults for the other parameters, with its law", choices=tuple(PRESETS), read_only=True)
@@ -63,7 +63,7 @@ class ControllerNodeConfig(NamedTuple):
     transform_tolerance: Annotated[
         float,
         Spec(
-            "how much older than a goal in another frame the newest transform may be",
+            "how much older than the stamp of a goal in another frame the newest transform may be",
             "s",
             minimum=0.0,
             maximum=60.0,
@@ -74,14 +74,14 @@ class ControllerNodeConfig(NamedTuple):
     cmd_vel_type: Annotated[
         str,
         Spec(
-            "type of the commands; auto: that of the subscriptions, Twist until there is one",
+            "type of the commands; auto: the type to which the base subscribes, Twist until there is a subscription",
             choices=(AUTO, *TYPE_WORDS.values()),
             read_only=True,
         ),
     ] = AUTO
     nav2_actions: Annotated[
         str,
-        Spec("Nav2's actions that it serves; follow_path: beside a bt_navigator", choices=(ALL, PATHS), read_only=True),
+        Spec("Nav2's actions to serve; follow_path: beside a bt_navigator", choices=(ALL, PATHS), read_only=True),
     ] = ALL
     commands: CommandSourceConfig = CommandSourceConfig()
     lifecycle: LifecycleConfig = LifecycleConfig()
@@ -97,25 +97,25 @@ def law_of(text: str) -> type[Law]:
     """Return the law of the parameter ``law``.
 
     Raises:
-        InvalidValueError: in one line, if there is no such law, or it cannot be used.
+        InvalidValueError: if the law does not exist, or cannot be used.
     """
     for preset in PRESETS.values():
         if text == preset.law.name:
             return preset.law
-    # Imported when it is needed, because reading the entry points of all installed packages takes time.
+    # Imported only if needed, because it is slow to read the entry points of all installed packages.
     from diffbot_control.goals.registry import resolve_law  # noqa: PLC0415
 
     return resolve_law(text)
 
 
 def parameter_set_of(overrides: Mapping[str, Any]) -> tuple[type[Any], Mapping[str, Any] | None]:
-    """Return configuration type and presets of the node for the law or the preset in its ``overrides``.
+    """Return configuration type and presets of the node, for the law or the preset in its ``overrides``.
 
-    A law brings the fields of its ``Config`` that carry a Spec. A preset selects its law.
+    The parameters include the fields of the law's ``Config`` that carry a Spec. A preset selects its law.
 
     Raises:
-        InvalidValueError: in one line, if there is no such law or preset, the law cannot be used, or the preset
-            belongs to another law.
+        InvalidValueError: if the law or the preset does not exist, the law cannot be used, or the preset belongs to
+            another law.
     """
     law_parameter, preset_parameter = parameters_of(ControllerNodeConfig)[:2]
     preset = checked(preset_parameter, overrides.get("preset", preset_parameter.default))
@@ -138,7 +138,7 @@ def _type_with(text: str, law: type[Law], without: tuple[str, ...]) -> type[Any]
     """Return the node's configuration type with the parameters of a law.
 
     Raises:
-        InvalidValueError: in one line, if the parameters of the law cannot be used.
+        InvalidValueError: if the parameters of the law cannot be used.
     """
     try:
         supervisor = variant(SupervisorConfig, {"controller": Annotated[law.Config, PARTIAL]})
@@ -150,10 +150,10 @@ def _type_with(text: str, law: type[Law], without: tuple[str, ...]) -> type[Any]
     for one in found:
         if one.type not in _KINDS:
             raise InvalidValueError(
-                "law", text, f"a law with numbers, booleans and texts as parameters, not {one.name}"
+                "law", text, f"a law whose parameters are numbers, booleans or texts; {one.name} is not"
             )
         if one.name in _ROS_NAMES:
-            raise InvalidValueError("law", text, f"a law without a parameter {one.name}, which every node has")
+            raise InvalidValueError("law", text, f"a law without a parameter {one.name}, because every node has one")
     return config_type
 
 

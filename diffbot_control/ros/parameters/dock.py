@@ -1,4 +1,4 @@
-"""Parameters of the node ``dock_ekf``: an ekf whose poses are in the frame of a detected dock. Free of ROS."""
+"""Parameters of the node ``dock_ekf``, an ekf whose poses are in the frame of a detected dock."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class DockDetection(NamedTuple):
     dock_sigma: Annotated[
         float,
         Spec(
-            "deviation of x and of y of a detection without covariance, at the dock; each metre adds 1 cm",
+            "standard deviation of x and y of a detection without covariance; each metre of distance adds 1 cm",
             "m",
             1e-4,
             10.0,
@@ -41,7 +41,7 @@ class DockDetection(NamedTuple):
     dock_yaw_sigma: Annotated[
         float,
         Spec(
-            "deviation of the heading of a detection without covariance, at the dock; each metre adds 0.01 rad",
+            "standard deviation of the heading of a detection without covariance; each metre of distance adds 0.01 rad",
             "rad",
             1e-4,
             math.pi,
@@ -49,7 +49,7 @@ class DockDetection(NamedTuple):
     ] = 0.02
 
     def docked(self) -> DockedPose:
-        """Return the pose of the docked robot in the frame of the marker."""
+        """Return the pose of the docked robot in the frame of the detected marker."""
         return DockedPose(self.docked_x, self.docked_y, self.docked_yaw)
 
 
@@ -57,13 +57,13 @@ DEFAULTS = MappingProxyType(
     {
         "map_frame": "dock",
         "publish_tf": False,
-        # A dock does not move: detections that contradict the estimate are outliers or belong to another dock.
+        # A dock does not move, so detections that contradict the estimate are outliers or belong to another dock.
         "relocation_fixes": 1_000_000,
         # The last part of an approach is driven by odometry alone, so the errors of the wheels matter.
         "wheels_as_configured": 0.0,
         "wheel_radius_sigma": 0.02,
     }
 )
-"""Defaults that differ from those of an ekf in map."""
+"""Defaults that differ from the defaults of an ekf in map."""
 DockEkfConfig = variant(EkfNodeConfig, {"dock": DockDetection}, values=DEFAULTS)
 """Parameters of the node ``dock_ekf``."""

@@ -1,4 +1,4 @@
-"""The supervisor with laws of others: what they get, limits, coming to rest, and laws that fail anywhere."""
+"""The supervisor with custom laws: their input, the limits, braking, and laws that fail in any function."""
 
 import math
 from typing import NamedTuple
@@ -8,7 +8,7 @@ import pytest
 from diffbot_control.goals import LawError, Supervisor, SupervisorConfig
 from diffbot_control.goals.record import NOT_REACHED, REPLACED
 from diffbot_control.goals.states import DRIVING, IDLE, NOT_AT_GOAL
-from diffbot_control.law import GoalTolerance, Law, Report
+from diffbot_control.law import CONTACT, CONTACT_UNKNOWN, GoalTolerance, Law, Report
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
@@ -28,12 +28,12 @@ class Config(NamedTuple):
 
 class Memory(NamedTuple):
     reached: bool = False
-    told: tuple = ()
-    """of after_command: commands and times"""
+    sent: tuple = ()
+    """commands and times that after_command has received"""
 
 
 class Scripted(Law):
-    """A law that answers what the test says, and remembers what it was asked."""
+    """A law whose memory records the calls of after_command."""
 
     name, Config = "scripted", Config
 
@@ -43,11 +43,11 @@ class Scripted(Law):
 
     @staticmethod
     def after_command(memory, command, dt, config):
-        return memory._replace(told=(*memory.told, (command, dt)))
+        return memory._replace(sent=(*memory.sent, (command, dt)))
 
 
 def scripted(**functions):
-    """Return a law with some functions of the test."""
+    """Return a law with some functions of the test; ``asked`` records the arguments of its step."""
     answer = functions.pop("answer", None) or (lambda memory: (memory, Twist(0.5, 0.1), GOOD_REPORT))
     asked = []
 
@@ -63,19 +63,19 @@ def scripted(**functions):
 
 
 class Drive:
-    """A supervisor with a law; poses come every 0.1 s."""
+    """A supervisor with a law; a pose arrives every 0.1 s by default."""
 
     def __init__(self, law, controller=None, **options):
         config = SupervisorConfig(law.Config() if controller is None else controller, **options)
         self.supervisor, self.now = Supervisor(config, law), 100.0
         self.supervisor.on_goal(GOAL)
 
-    def pose(self, pose=AWAY, uncertainty=UNSURE):
-        self.now += 0.1
+    def pose(self, pose=AWAY, uncertainty=UNSURE, after=0.1):
+        self.now += after
         return self.supervisor.on_pose(round(self.now * 1e9), self.now, pose, uncertainty)
 
     def cruise(self):
-        """Come up to the 0.5 m/s of the scripted law, from the first pose on."""
+        """Accelerate to the 0.5 m/s of the scripted law."""
         return [self.pose() for _ in range(6)][-1]
 
 
@@ -91,34 +91,42 @@ def test_the_law_gets_pose_uncertainty_goal_and_its_configuration():
     assert drive.supervisor.status == DRIVING
 
 
-def test_every_command_keeps_the_limits_and_the_law_is_told_of_those_that_it_did_not_give():
+def test_the_law_gets_contact_and_the_median_period_which_one_odd_pose_does_not_change():
+    law = scripted()
+    drive = Drive(law)
+    for after in (0.05, 0.05, 0.05, 0.3, 0.0, 0.05, 0.02, 0.05):
+        drive.pose(after=after)
+    drive.supervisor.contact = CONTACT
+    drive.pose(after=0.05)
+    observations = [observation for _, observation, _, _ in law.asked]
+    assert [one.dt for one in observations] == pytest.approx([0.0, 0.05, 0.05, 0.3, 0.05, 0.02, 0.05, 0.05], abs=1e-6)
+    assert [one.period for one in observations] == pytest.approx([0.1, *[0.05] * 7], abs=1e-6)
+    assert [one.contact for one in observations] == [CONTACT_UNKNOWN] * 7 + [CONTACT]
+
+
+def test_every_command_keeps_the_limits_and_the_law_receives_the_commands_that_it_did_not_give():
     law = scripted(answer=lambda memory: (memory, Twist(9.0, 0.0), GOOD_REPORT))
     drive = Drive(law)
     assert [drive.pose().v for _ in range(4)] == pytest.approx([0.0, 0.1, 0.2, 0.3])
-    assert [command.v for command, _ in drive.supervisor.memory.told] == pytest.approx([0.0, 0.1, 0.2, 0.3])
-    assert {dt for _, dt in drive.supervisor.memory.told} == {0.0}
-    # Braking without the law, the command before was in force for the period.
-    drive.supervisor.on_cancel()
+    assert [command.v for command, _ in drive.supervisor.memory.sent] == pytest.approx([0.0, 0.1, 0.2, 0.3])
+    assert {dt for _, dt in drive.supervisor.memory.sent} == {0.0}
+    law.answer = staticmethod(lambda memory: (memory, Twist(0.35, 0.1), GOOD_REPORT))
     drive.pose()
-    command, dt = drive.supervisor.memory.told[-1]
-    assert (command.v, dt) == pytest.approx((0.2, 0.1))
-    law = scripted(answer=lambda memory: (memory, Twist(0.05, 0.1), GOOD_REPORT))
-    drive = Drive(law)
-    drive.pose()
-    before = drive.supervisor.memory
-    drive.pose()
-    assert drive.supervisor.memory == before, "the command was within the limits"
+    assert len(drive.supervisor.memory.sent) == 4, "the command was within the limits"
 
 
 def test_a_cancelled_robot_brakes_within_the_limits():
     drive = Drive(scripted())
     assert drive.cruise() == pytest.approx((0.5, 0.1))
-    drive.supervisor.on_cancel()
+    drive.supervisor.on_cancel("by the test")
     speeds = [drive.pose() or ZERO for _ in range(6)]
     # 0.1 m/s in 0.1 s; both velocities together, along the curve.
     assert speeds[:5] == [pytest.approx((0.5 - 0.1 * n, 0.1 - 0.02 * n), abs=1e-12) for n in range(1, 6)]
     assert speeds[5] == pytest.approx(ZERO, abs=1e-12)
     assert drive.supervisor.status == IDLE
+    braking = [one for one in drive.supervisor.memory.sent if one[1] > 0.0]
+    assert [command for command, _ in braking] == speeds, "the law receives these commands"
+    assert [dt for _, dt in braking] == pytest.approx([0.1] * 6)
 
 
 def raising(_memory):
@@ -126,19 +134,19 @@ def raising(_memory):
 
 
 FAILURES = {
-    "nan": (lambda memory: (memory, Twist(math.nan, 0.0), GOOD_REPORT), "v = nan m/s, omega = 0.0 rad/s: must be fin"),
+    "nan": (
+        lambda memory: (memory, Twist(math.nan, 0.0), GOOD_REPORT),
+        "its command is not finite: v = nan m/s, omega",
+    ),
     "raises": (raising, "ValueError: two lines (test_law_guard.py:"),
     "no command": (lambda memory: (memory, None, GOOD_REPORT), "TypeError: "),
-    "short report": (
-        lambda memory: (memory, Twist(0.0, 0.0), (1.0,)),
-        "'reached' or the report is not as the class Law",
-    ),
-    "odd reached": (lambda memory: (Memory("yes"), Twist(0.0, 0.0), GOOD_REPORT), "'reached' or the report is not as"),
+    "short report": (lambda memory: (memory, Twist(0.0, 0.0), (1.0,)), "its report has 1 of 7 variables"),
+    "odd reached": (lambda memory: (Memory("yes"), Twist(0.0, 0.0), GOOD_REPORT), "memory.reached is 'yes': must be"),
 }
 
 
 @pytest.mark.parametrize("failure", FAILURES)
-def test_a_law_that_fails_on_the_way_ends_the_goal_with_the_reason_and_the_robot_brakes(failure):
+def test_a_step_that_fails_ends_the_goal_with_the_reason_and_the_robot_brakes(failure):
     answer, reason = FAILURES[failure]
     law = scripted()
     drive = Drive(law)
@@ -163,7 +171,7 @@ def test_a_law_that_fails_in_any_other_function_ends_the_goal_too(function):
     drive.cruise()
     setattr(law, function, staticmethod(lambda *_: {}["missing"]))
     assert drive.supervisor.description() == {}
-    drive.supervisor.on_tick(drive.now + 1.0)  # no pose came: zero is sent, which the law is told
+    drive.supervisor.on_tick(drive.now + 1.0)  # without a pose, zero is sent, and the law receives it
     drive.pose()
     (record,) = drive.supervisor.goals.ended
     assert (record.end, drive.supervisor.status, drive.supervisor.has_failed) == (NOT_REACHED, NOT_AT_GOAL, True)
@@ -192,7 +200,7 @@ def test_a_law_that_fails_at_the_next_goal_of_a_path_ends_the_path_and_brakes():
     assert (drive.supervisor.status, drive.supervisor.goal) == (NOT_AT_GOAL, None)
 
 
-def test_a_law_may_give_up_and_shows_what_it_likes():
+def test_a_law_may_give_up_and_describe_its_memory():
     law = scripted(reason_to_give_up=lambda memory, config: "bored", describe=lambda memory, config: {"mood": 3})
     drive = Drive(law)
     drive.pose()

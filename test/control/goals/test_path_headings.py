@@ -1,11 +1,11 @@
-"""Which paths get the direction of the path as headings."""
+"""Paths that get the direction of the path as headings, and paths that keep their headings."""
 
 import math
 
 import numpy as np
 import pytest
 
-from diffbot_control.goals.path_headings import directions, with_headings
+from diffbot_control.goals.path import directions, with_headings
 from diffbot_core.geometry import Pose
 
 STEP = 0.05
@@ -16,23 +16,35 @@ def line(angle, length=2.0, heading=0.0):
     return [Pose(i * STEP * math.cos(angle), i * STEP * math.sin(angle), heading) for i in range(count)]
 
 
+def ending(path, heading):
+    return [*path[:-1], path[-1]._replace(theta=heading)]
+
+
 def headings(poses):
     return np.array([one.theta for one in poses])
 
 
 @pytest.mark.parametrize("angle", [math.pi / 2, math.pi, -0.5])
 def test_a_path_with_default_orientations_gets_its_direction_and_keeps_the_last_heading(angle):
-    path = line(angle)
-    path[-1] = path[-1]._replace(theta=1.0)
+    path = ending(line(angle), 1.0)
     followed = with_headings(path, are_default=True)
     assert np.allclose(headings(followed)[:-1], angle)
     assert followed[-1] == path[-1]
     assert [(one.x, one.y) for one in followed] == [(one.x, one.y) for one in path]
 
 
-def test_equal_orientations_that_are_not_the_default_are_replaced_too():
-    # As after the transformation from a frame that is turned.
-    assert np.allclose(headings(with_headings(line(-1.2, heading=0.7), are_default=False))[:-1], -1.2)
+@pytest.mark.parametrize(
+    ("path", "are_default", "direction"),
+    [
+        (line(-1.2, heading=0.7), False, -1.2),
+        (line(math.pi), True, math.pi),
+        (ending(line(0.5 + math.pi, heading=0.5), 2.0), False, 0.5 - math.pi),
+    ],
+    ids=["from a turned frame", "backwards, empty orientations", "backwards, with another heading at the end"],
+)
+def test_equal_headings_that_contradict_the_direction_are_replaced(path, are_default, direction):
+    found = headings(with_headings(path, are_default))[:-1]
+    assert np.allclose(np.cos(found - direction), 1.0)
 
 
 def test_the_first_pose_may_have_the_heading_of_the_robot():
@@ -51,20 +63,10 @@ def test_the_first_pose_may_have_the_heading_of_the_robot():
         [Pose(0.0, 0.0, 0.0)],
         [Pose(1.0, 2.0, 3.0)] * 5,
     ],
-    ids=["along", "nearly along", "headings of their own", "backwards", "two goals", "one goal", "without length"],
+    ids=["along", "nearly along", "own headings", "backwards", "two goals", "one goal", "without length"],
 )
-def test_other_paths_stay_as_they_are(path):
+def test_other_paths_do_not_change(path):
     assert with_headings(path, are_default=False) is path
-
-
-def test_a_path_backwards_of_empty_orientations_is_followed_forwards():
-    assert np.allclose(np.abs(headings(with_headings(line(math.pi), are_default=True))[:-1]), math.pi)
-
-
-def test_a_path_backwards_that_ends_with_another_heading_is_followed_forwards():
-    path = line(0.5 + math.pi, heading=0.5)
-    path[-1] = path[-1]._replace(theta=2.0)
-    assert np.allclose(headings(with_headings(path, are_default=False))[:-1], 0.5 - math.pi)
 
 
 def test_few_waypoints_bisect_their_corners():

@@ -1,4 +1,4 @@
-"""Laws by name and by place; what is refused, and why."""
+"""Laws by name and by ``package.module:Class``, and the reasons of refusals."""
 
 import pytest
 
@@ -27,7 +27,7 @@ class Law(laws.Law):
 
 
 @pytest.mark.parametrize("text", ["", "a.b:", ":Law"])
-def test_what_is_no_place_names_the_registered_laws(text):
+def test_a_name_that_is_not_registered_is_refused_with_the_registered_laws(text):
     with pytest.raises(InvalidValueError, match=r"Class or one of docking, .*switching$"):
         resolve_law(text)
 
@@ -35,21 +35,21 @@ def test_what_is_no_place_names_the_registered_laws(text):
 @pytest.mark.parametrize(
     ("old", "new", "reason"),
     [
-        ('name = "mine"', 'name = ""', "a text 'name'"),
-        ("Config = Config", "Config = dict", "a NamedTuple type 'Config'"),
+        ('name = "mine"', 'name = ""', "whose name is a text"),
+        ("Config = Config", "Config = dict", "whose Config is a NamedTuple type"),
         ("class Law(laws.Law)", "class Law", "a class derived from diffbot_control.law.Law"),
         ("lambda config: Memory()", "lambda: Memory()", "takes 0 positional arguments but 1 was given"),
         ("data_sheet: DataSheet = DataSheet()", "data_sheet: int = 1", "data_sheet(config) is a DataSheet"),
         ("tolerance: laws.GoalTolerance = laws.GoalTolerance()", "other: int = 1", "AttributeError"),
         ("lambda config: Memory()", "lambda config: config.missing", "AttributeError"),
-        ("reached: bool", "arrived: bool", "a field 'reached'"),
+        ("reached: bool", "arrived: bool", "whose memory has the field reached"),
         ("from typing", "from typing (", "SyntaxError"),
     ],
 )
 def test_a_law_that_lacks_something_is_refused_in_one_line(old, new, reason, tmp_path, monkeypatch):
     assert old in GOOD
     monkeypatch.syspath_prepend(tmp_path)
-    # A name of its own: modules that were imported once are not read again.
+    # A unique name, because Python does not read a module again after it was imported.
     (tmp_path / f"{tmp_path.name}.py").write_text(GOOD.replace(old, new))
     with pytest.raises(InvalidValueError, match=rf"^law = '{tmp_path.name}:Law': must be ") as refused:
         resolve_law(f"{tmp_path.name}:Law")

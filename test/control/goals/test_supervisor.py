@@ -1,4 +1,4 @@
-"""Goals, silence and coming to rest: the supervisor's states, by stories with made-up time."""
+"""The supervisor's states in simulated sequences of goals, poses and silence."""
 
 import hashlib
 import math
@@ -19,7 +19,7 @@ from diffbot_control.goals.record import (
 )
 from diffbot_control.goals.states import AT_GOAL as REACHED
 from diffbot_control.goals.states import DRIVING, IDLE, NOT_AT_GOAL, STALE, UNCERTAIN, WAITING
-from diffbot_control.law import CONTACT, CONTACT_UNKNOWN, PRESETS, PaperConfig, PaperLaw, SwitchingLaw
+from diffbot_control.law import PRESETS, PaperConfig, PaperLaw, SwitchingLaw
 from diffbot_core.data_sheet import PAPER_DATA_SHEET
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose
@@ -35,11 +35,11 @@ PAPER = PRESETS["paper"].config
 QUICK = PAPER._replace(tolerance=PAPER.tolerance._replace(settling_steps=2))
 SLOW_DOWN = PAPER._replace(data_sheet=PAPER_DATA_SHEET._replace(a_max=1.0))
 UNSURE = Uncertainty(0.3, 0.01)
-"""Twice that does not fit into the 0.4 m of the paper's preset."""
+"""Too uncertain for the tolerance of 0.4 m of the paper's preset."""
 
 
 class Story:
-    """A supervisor with a clock; poses are stamped with it."""
+    """A supervisor with a clock that stamps the poses."""
 
     def __init__(self, **options):
         config = SupervisorConfig(**options)
@@ -89,18 +89,18 @@ def reach(story):
     assert story.state == REACHED
 
 
-def test_a_held_goal_is_still_controlled_and_counts_once_whatever_follows():
+def test_a_held_goal_is_still_controlled_and_counts_once():
     story = driving(controller=QUICK)
     reach(story)
     assert story.pose(Pose(-0.7, 0.0, 0.0)).v == pytest.approx(1.3 * math.tanh(0.7))
-    assert story.state == DRIVING, "what it does, not what it was"
+    assert story.state == DRIVING
     assert story.tick(1.0) == ZERO
     assert story.state == STALE
     for _ in range(2):
         story.pose(AT_GOAL)
     assert story.state == REACHED
     assert story.supervisor.goals_reached == 1
-    # The next goal begins anew, and counts.
+    # The next goal counts again.
     story.supervisor.on_goal(Pose(5.0, 0.0, 0.0))
     story.pose(AT_GOAL)
     assert (story.state, story.supervisor.report.rho) == (DRIVING, pytest.approx(5.01))
@@ -123,8 +123,8 @@ def test_a_robot_found_far_from_a_held_goal_never_drives_back():
     assert story.state == DRIVING
     assert story.pose(Pose(-0.31, 0.0, 0.0)) == ZERO
     assert (story.state, story.supervisor.goal) == (IDLE, None)
-    assert story.supervisor.reason == "found 0.31 m from the held goal: hold_distance = 0.3 m"
-    # Found after an hour without poses, with no timeout for them either.
+    assert story.supervisor.reason == "the robot was found 0.31 m from the held goal: hold_distance = 0.3 m"
+    # The same after an hour without poses and without a timeout for them.
     story = held(pose_lost_timeout=0.0)
     story.tick(3600.0)
     assert story.state == STALE
@@ -142,7 +142,7 @@ def test_a_held_goal_expires_with_the_pose():
     assert story.supervisor.goals.ended[-1].end == "reached", "its answer stays"
 
 
-def test_cancelling_stops_at_once_says_so_five_times_and_is_silent():
+def test_cancelling_stops_at_once_and_sends_five_zeros():
     story = Story(controller=QUICK)
     story.supervisor.on_path(list(ROUTE))
     for _ in range(2):
@@ -152,10 +152,28 @@ def test_cancelling_stops_at_once_says_so_five_times_and_is_silent():
     assert (story.state, progress(story), story.supervisor.report) == (IDLE, (0, 0, None), None)
     assert [story.pose() for _ in range(6)] == [ZERO] * 4 + [None] * 2
     assert story.supervisor.on_cancel() is None
-    # Nothing of the path comes back.
+    # The next goal does not continue the path.
     story.supervisor.on_goal(GOAL)
     reach(story)
     assert progress(story) == (0, 0, GOAL)
+
+
+@pytest.mark.parametrize("event", ["at rest", "newer goal", "no pose", "fault", "stop"])
+def test_a_cancelled_goal_ends_with_who_cancelled_it_whatever_follows(event):
+    story = driving(controller=SLOW_DOWN)
+    for _ in range(5):
+        story.pose()
+    assert story.supervisor.on_cancel("by the operator") != ZERO
+    assert story.supervisor.goals.present.is_cancelling
+    if event == "at rest":
+        for _ in range(5):
+            story.pose()
+    elif event == "no pose":
+        story.tick(1.0)
+    else:
+        supervisor = story.supervisor
+        {"newer goal": supervisor.on_goal, "fault": supervisor.on_fault, "stop": supervisor.on_stop}[event](GOAL)
+    assert story.supervisor.goals.ended[-1].text == "cancelled: by the operator"
 
 
 @pytest.mark.parametrize("uncertainty", [UNSURE, Uncertainty(0.01, 0.06)])
@@ -171,7 +189,7 @@ def test_a_tolerance_below_the_uncertainty_is_reported_at_rest_only(uncertainty)
         story.pose(AT_GOAL, uncertainty=uncertainty)
         assert story.state == UNCERTAIN
     assert story.supervisor.goals_reached == 0
-    # Known better, it is reached after the two poses that it takes, and stays reached.
+    # With a better estimate the goal is reached after two poses, and stays reached.
     reach(story)
     story.pose(AT_GOAL, uncertainty=uncertainty)
     assert story.state == REACHED
@@ -198,8 +216,7 @@ def test_a_goal_without_poses_ends_after_pose_lost_timeout(before):
     assert (story.state, story.supervisor.goal) == (NOT_AT_GOAL, None)
 
 
-def test_a_pose_whose_stamp_stands_still_is_no_sign_of_life():
-    """Sent again and again, with the same values or corrected ones, it stops the robot and loses the goal."""
+def test_poses_whose_stamp_does_not_advance_stop_the_robot_and_lose_the_goal():
     story = driving(controller=PAPER, pose_timeout=0.5, pose_lost_timeout=5.0)
     command = story.pose()
     stamp, began = round(story.now * 1e9), story.now
@@ -214,13 +231,13 @@ def test_a_pose_whose_stamp_stands_still_is_no_sign_of_life():
         assert story.state == (STALE if overdue else DRIVING)
     story.tick(0.1)
     assert (story.state, story.supervisor.goals.ended[-1].end) == (NOT_AT_GOAL, POSE_LOST)
-    # The next later stamp is life again.
+    # A later stamp counts again.
     story.supervisor.on_goal(GOAL)
     assert story.pose() == command
     assert story.state == DRIVING
 
 
-def test_a_correction_leaves_memory_command_and_answers_as_they_are():
+def test_a_correction_changes_neither_memory_nor_records_and_ends_with_the_goal():
     story = Story(controller=SLOW_DOWN)
     story.supervisor.on_path(list(ROUTE))
     for _ in range(5):
@@ -230,11 +247,13 @@ def test_a_correction_leaves_memory_command_and_answers_as_they_are():
     assert story.supervisor.goals_ahead == [*ROUTE[:2], Pose(-1.2, 1.1, -1.8)]
     assert (story.supervisor.memory, story.supervisor.accepted) == (memory, accepted)
     assert not story.supervisor.goals.ended
-    # The next one begins from the corrected goal; a new goal has no corrections.
+    # The next correction is compared with the corrected goal.
     story.supervisor.on_goal_update(Pose(-1.6, 1.1, -1.8))
     assert story.supervisor.updates == 2
-    story.supervisor.on_goal(GOAL)
-    assert story.supervisor.updates == 0
+    story = driving(controller=QUICK)
+    reach(story)
+    story.supervisor.on_goal_update(Pose(0.1, 0.0, 0.0))
+    assert (story.supervisor.goal, story.supervisor.updates) == (GOAL, 0), "a reached goal is not corrected"
 
 
 @pytest.mark.parametrize(
@@ -251,13 +270,6 @@ def test_a_jump_is_refused_and_changes_nothing(goal, text):
     assert (story.supervisor.goal, story.supervisor.updates) == (GOAL, 0)
     story.supervisor.on_goal_update(Pose(0.0, 0.49, 2.0 * math.pi + 0.49))
     assert story.supervisor.updates == 1
-
-
-def test_after_its_answer_a_goal_is_not_corrected():
-    story = driving(controller=QUICK)
-    reach(story)
-    story.supervisor.on_goal_update(Pose(0.1, 0.0, 0.0))
-    assert story.supervisor.goal == GOAL, "reached: the robot stays"
 
 
 ROUTE = [Pose(2.0, 0.0, 0.0), Pose(2.0, 3.0, 1.0), Pose(-1.0, 1.0, -2.0)]
@@ -282,7 +294,7 @@ def test_a_path_is_driven_goal_by_goal_and_the_last_is_held():
         assert (story.state, progress(story)) == (STALE, (number, 3, goal)), "silence keeps the path"
         for _ in range(2):
             story.pose(goal)
-        # Reached: the next one is due from the next pose on, but the last stays.
+        # The next goal begins with the next pose; the last goal is held.
         assert story.supervisor.goals_reached == number
         assert progress(story) == (min(number + 1, 3), 3, ROUTE[min(number, 2)])
         assert story.state == (DRIVING if number < 3 else REACHED)
@@ -291,30 +303,26 @@ def test_a_path_is_driven_goal_by_goal_and_the_last_is_held():
     assert route == ROUTE, "the list stays the caller's"
 
 
-def test_waypoints_within_the_radius_are_passed_and_the_last_one_is_reached():
+def test_waypoints_within_the_radius_are_passed_before_the_step_and_the_last_one_is_reached():
     story = Story(controller=QUICK, waypoint_radius=0.4)
     story.supervisor.on_path(list(ROUTE))
-    for number, goal in enumerate(ROUTE[:2], 1):
-        story.pose(goal._replace(x=goal.x + 0.41))
-        assert progress(story) == (number, 3, goal)
-        assert story.pose(goal._replace(x=goal.x + 0.39)).v != 0.0, "without a stop"
-        assert progress(story) == (number + 1, 3, ROUTE[number])
-    for _ in range(2):
-        assert story.state == DRIVING
-        story.pose(ROUTE[2])
-    assert (story.state, story.supervisor.goals_reached) == (REACHED, 1)
-
-
-def test_waypoints_within_the_radius_are_passed_at_once_before_the_step_and_the_last_one_never():
-    story = Story(waypoint_radius=0.4)
+    story.pose(ROUTE[0]._replace(x=ROUTE[0].x + 0.41))
+    assert progress(story) == (1, 3, ROUTE[0])
+    assert story.pose(ROUTE[0]._replace(x=ROUTE[0].x + 0.39)).v != 0.0, "without a stop"
+    assert progress(story) == (2, 3, ROUTE[1])
+    # Several waypoints at once, but only consecutive ones, and never the last one.
     story.supervisor.on_path([Pose(0.1 * i, 0.0, 0.0) for i in range(10)])
     story.pose(Pose(0.0, 0.0, 0.0))
     assert (story.supervisor.waypoint, story.supervisor.goal.x) == (5, pytest.approx(0.4))
-    assert story.supervisor.report.rho == pytest.approx(0.4), "the step is one to the new goal"
+    assert story.supervisor.report.rho == pytest.approx(0.4), "the step drives to the new goal"
     story.pose(Pose(0.9, 0.0, 0.0))
-    assert (story.supervisor.waypoint, len(story.supervisor.goals_ahead)) == (5, 6), "only one after the other"
+    assert (story.supervisor.waypoint, len(story.supervisor.goals_ahead)) == (5, 6)
     story.pose(Pose(0.7, 0.0, 0.0))
     assert (story.supervisor.waypoint, story.supervisor.goal.x) == (10, pytest.approx(0.9))
+    for _ in range(2):
+        assert story.state == DRIVING
+        story.pose(Pose(0.9, 0.0, 0.0))
+    assert (story.state, story.supervisor.goals_reached) == (REACHED, 1)
 
 
 def test_a_path_that_is_planned_again_to_the_same_goal_does_not_count_as_progress():
@@ -356,7 +364,7 @@ def test_a_goal_that_takes_too_long_is_given_up_with_the_reason_and_braking():
     assert story.state == NOT_AT_GOAL
     assert story.supervisor.reason == "not reached within goal_timeout = 2 s"
     assert story.supervisor.goal is None
-    # It comes to rest within its limits, and then is silent.
+    # The robot brakes within its limits.
     speeds = [story.pose(FAR).v for _ in range(15)]
     assert last.v == pytest.approx(1.2)
     assert speeds == pytest.approx([max(1.2 - 0.1 * step, 0.0) for step in range(1, 13)] + [0.0] * 3, abs=1e-12)
@@ -389,7 +397,7 @@ def test_a_goal_has_a_finite_time_from_its_acceptance_on_that_grows_with_the_rou
     # 130 m more at 1.3 m/s, four times.
     assert far.supervisor.timeout - near.supervisor.timeout == pytest.approx(400.0)
     assert 120.0 + 4.0 / 1.3 < near.supervisor.timeout < 150.0
-    # Without a pose the way to the first goal is added when it comes.
+    # The distance to the first goal is added with the first pose.
     blind.supervisor.on_goal(Pose(131.0, 0.0, 0.0))
     assert 120.0 <= blind.supervisor.timeout <= near.supervisor.timeout
     blind.pose(Pose(0.0, 0.0, 0.0))
@@ -442,17 +450,17 @@ def test_a_blocked_robot_ends_with_no_progress_and_a_slow_one_drives_on():
     assert story.supervisor.reason.startswith("no progress for 3")
     story = Story()
     story.supervisor.on_goal(Pose(10.0, 0.0, 0.0))
-    # 5 cm in 10 s, from 10 m on: the derived time ends it, not the watch.
+    # 0.02 m/s over 10 m is progress, so only the derived timeout ends the goal.
     timeout = story.supervisor.timeout
     seconds_until_given_up(story, lambda t: Pose(0.02 * t, 0.0, 0.0))
     assert story.supervisor.reason.startswith("not reached within goal_timeout")
     assert timeout > 120.0
 
 
-def test_an_estimate_too_uncertain_for_an_answer_is_the_answer_after_a_minute_with_the_tolerance_it_allows():
+def test_a_goal_that_is_too_narrow_for_the_estimate_ends_after_a_minute_with_the_smallest_tolerance():
     story = driving(controller=QUICK, goal_timeout=0.0)
     assert seconds_until_given_up(story, lambda _: AT_GOAL, UNSURE) == pytest.approx(60.0, abs=1.0)
-    smallest = "smallest possible tolerance 0.91 m and 0.0258 rad"
+    smallest = "the smallest possible tolerances are 0.91 m and 0.0258 rad"
     assert story.supervisor.reason == f"the estimate is too uncertain: {smallest}"
     # With half the uncertainty it is reached.
     story = driving(controller=QUICK, uncertainty_scale=0.4)
@@ -461,41 +469,29 @@ def test_an_estimate_too_uncertain_for_an_answer_is_the_answer_after_a_minute_wi
     assert story.state == REACHED
 
 
-class Standing(PaperLaw):
-    """A law that stands beside the goal, which it could know."""
-
-    @staticmethod
-    def step(memory, observation, goal, config):
-        after, _, report = PaperLaw.step(memory, observation, goal, config)
-        return after._replace(reached=False), Twist(0.0, 0.0), report
-
-
-class Circling(PaperLaw):
-    """A law that never comes to rest."""
-
-    @staticmethod
-    def step(memory, observation, goal, config):
-        after, _, report = PaperLaw.step(memory, observation, goal, config)
-        return after._replace(reached=False), Twist(0.2, 2.0), report
-
-
 @pytest.mark.parametrize(
-    ("law", "seconds", "reason"),
+    ("command", "seconds", "reason"),
     [
-        (Standing, 60.0, "at rest for 60 s without being within the tolerances, 0.01 m to go"),
-        (Circling, 120.0, "no progress for 120 s, 0.01 m to go"),
+        (Twist(0.0, 0.0), 60.0, "at rest for 60 s without being within the tolerances, 0.01 m to go"),
+        (Twist(0.2, 2.0), 120.0, "no progress for 120 s, 0.01 m to go"),
     ],
 )
-def test_near_the_goal_a_law_without_an_answer_ends_it_without_a_timeout_too(law, seconds, reason):
+def test_a_law_that_never_reaches_a_near_goal_is_given_up_even_without_a_timeout(command, seconds, reason):
+    class Never(PaperLaw):
+        @staticmethod
+        def step(memory, observation, goal, config):
+            after, _, report = PaperLaw.step(memory, observation, goal, config)
+            return after._replace(reached=False), command, report
+
     story = Story(goal_timeout=0.0)
-    story.supervisor = Supervisor(SupervisorConfig(controller=QUICK, goal_timeout=0.0), law)
+    story.supervisor = Supervisor(SupervisorConfig(controller=QUICK, goal_timeout=0.0), Never)
     story.supervisor.on_goal(GOAL)
     assert seconds_until_given_up(story, lambda _: AT_GOAL) == pytest.approx(seconds, abs=1.0)
     assert story.supervisor.reason == reason
 
 
-@pytest.mark.parametrize("jump", [-1e6, -50.0, 200.0, 1e6])
-def test_a_clock_that_is_set_neither_ends_a_goal_nor_keeps_it_alive(jump):
+@pytest.mark.parametrize("jump", [-50.0, 1e6])
+def test_a_clock_that_is_set_does_not_change_the_timeout(jump):
     story = driving(goal_timeout=20.0)
     spent = 0.0
     for _ in range(250):
@@ -511,7 +507,7 @@ def test_a_clock_that_is_set_neither_ends_a_goal_nor_keeps_it_alive(jump):
     assert story.supervisor.goals.ended[-1].elapsed == pytest.approx(20.0, abs=0.11)
 
 
-def test_a_controller_that_was_suspended_ends_its_goal_since_clients_were_told_that_it_is_lost():
+def test_a_controller_that_was_suspended_ends_its_goal():
     story = driving()
     steady = 7.0
     for passed in (0.1, 0.1, 1.9, 0.1):
@@ -524,29 +520,8 @@ def test_a_controller_that_was_suspended_ends_its_goal_since_clients_were_told_t
     assert (record.end, record.reason) == (NOT_REACHED, "the controller was suspended for 2.3 s")
 
 
-def test_the_law_gets_contact_and_the_median_period_which_one_odd_pose_does_not_change():
-    seen = []
-
-    class Curious(PaperLaw):
-        @staticmethod
-        def step(memory, observation, goal, config):
-            seen.append((observation.dt, observation.period, observation.contact))
-            return PaperLaw.step(memory, observation, goal, config)
-
-    story = Story()
-    story.supervisor = Supervisor(SupervisorConfig(controller=PAPER), Curious)
-    story.supervisor.on_goal(GOAL)
-    for after in (0.05, 0.05, 0.05, 0.3, 0.0, 0.05, 0.02, 0.05):
-        story.pose(after=after)
-    story.supervisor.contact = CONTACT
-    story.pose(after=0.05)
-    assert [one[0] for one in seen] == pytest.approx([0.0, 0.05, 0.05, 0.3, 0.05, 0.02, 0.05, 0.05], abs=1e-6)
-    assert [one[1] for one in seen] == pytest.approx([0.1, *[0.05] * 7], abs=1e-6)
-    assert [one[2] for one in seen] == [CONTACT_UNKNOWN] * 7 + [CONTACT]
-
-
 def limited_speeds(arrivals):
-    """Speeds of a robot with 1 m/s^2 that poses come to: pairs of the time since the last by its stamp and in truth."""
+    """Return the speeds of a robot with 1 m/s^2; an arrival is the time since the last pose, by its stamp and true."""
     supervisor, stamp, steady, speeds = Supervisor(SupervisorConfig(controller=SLOW_DOWN), PaperLaw), 100.0, 7.0, []
     supervisor.on_goal(GOAL)
     for by_stamp, passed in arrivals:
@@ -557,7 +532,7 @@ def limited_speeds(arrivals):
     return speeds
 
 
-def test_the_limits_of_acceleration_get_no_more_time_than_has_passed_since_the_last_command():
+def test_the_limits_of_acceleration_use_only_the_time_since_the_last_command():
     regular = [(0.05, 0.05)] * 5
     assert limited_speeds(regular) == pytest.approx([0.0, 0.05, 0.1, 0.15, 0.2])
     # Stamps 5 s ahead: 0.05 s have passed, and 0.05 s of jitter are allowed once.
@@ -568,9 +543,9 @@ def test_the_limits_of_acceleration_get_no_more_time_than_has_passed_since_the_l
 
 
 @pytest.mark.parametrize("own", [0.0, 1.0])
-@pytest.mark.parametrize("step", [200.0, 2000.0, 1e8, 0.8, -0.8, -5.0, -2000.0])
+@pytest.mark.parametrize("step", [0.8, -0.8, -5.0, -2000.0, 1e8])
 def test_a_clock_that_is_set_neither_ends_a_goal_nor_stops_the_robot_for_long(step, own):
-    """The clock is that of the sender of poses alone, or the controller's own as well."""
+    """The clock of the sender of the poses is set, and with ``own`` the clock of the controller, too."""
     supervisor = Supervisor(SupervisorConfig())
     supervisor.on_goal(Pose(200.0, 0.0, 0.0))
     stood = x = 0.0

@@ -1,4 +1,4 @@
-"""At the bounds of its parameters and between them, the controller publishes finite numbers only."""
+"""The controller publishes only finite numbers, at the bounds of its parameters and between them."""
 
 from typing import Annotated
 
@@ -21,7 +21,7 @@ GOAL = Pose(1.0, -2.0, 0.5)
 
 
 def poses(rng):
-    """Yield [s] since the pose before, pose and uncertainty: at the goal, far away, and at rest near the goal."""
+    """Yield time since the last pose [s], pose and uncertainty: at the goal, far away, and at rest near the goal."""
     away = (0.0, *10.0 ** rng.uniform(-9.0, np.log10(MAX_COORDINATE), 5))
     for distance in away:
         x, y = np.clip(np.add(GOAL[:2], distance * rng.uniform(-1.0, 1.0, 2)), -MAX_COORDINATE, MAX_COORDINATE).tolist()
@@ -56,7 +56,7 @@ def cases():
 def test_a_law_commands_finite_numbers(name, base, monkeypatch):
     limited = paper.limit_acceleration
 
-    # Before the last check, which would replace a command that is not finite.
+    # The law itself replaces a command that is not finite, so check the command before that.
     def checked(*given):
         result = limited(*given)
         assert_finite(result, given)

@@ -1,4 +1,4 @@
-"""Commands under way: the coasted pose against a fine integration, the memory of the commands, the uncertainty."""
+"""The coasted pose compared with a fine integration, the history of the commands, the uncertainty."""
 
 import math
 import random
@@ -17,9 +17,9 @@ FINE = 2e-4
 
 
 def integrated(history, latency, lag):
-    """Drive through ``history`` of (command, dt) and then with zero until at rest; midpoints in steps of 0.2 ms.
+    """Integrate a ``history`` of (command, dt), and then zero until the robot rests, in steps of 0.2 ms.
 
-    Returns the pose at the end of the history and the one at rest.
+    Returns the pose at the end of the history and the pose at rest.
     """
     commands = [command for command, dt in history for _ in range(round(dt / FINE))]
     length = len(commands)
@@ -41,7 +41,7 @@ def integrated(history, latency, lag):
 
 
 def expected(history, latency, lag):
-    """Feed the history to the prediction; return what it expects at the end of it."""
+    """Return the prediction at the end of the history, and the pose at rest of the integration."""
     sheet = DataSheet(command_latency=latency, drive_time_constant=lag)
     actuation = resting_actuation()
     for command, dt in history[:-1]:
@@ -71,24 +71,24 @@ def test_lag_is_predicted_on_a_line_and_in_the_heading_and_nearly_on_curves(late
         assert found.pose == pytest.approx((rest.x, 0.0, 0.0), abs=2e-4)
         found, rest = expected(random_history(rng, 15, (0.1,)), latency, lag)
         assert math.remainder(found.pose.theta - rest.theta, math.tau) == pytest.approx(0.0, abs=5e-4)
-        # To first order in the curvature: of a way of up to 0.6 m at up to 2 rad/s.
+        # To first order in the curvature, over up to 0.6 m at up to 2 rad/s.
         assert math.hypot(found.pose.x - rest.x, found.pose.y - rest.y) < 0.02
 
 
 @settings(max_examples=60)
 @given(st.floats(0.0, 5.0), st.lists(st.floats(0.0, 1.0), min_size=0, max_size=60))
-def test_the_memory_always_covers_the_dead_time(latency, spans):
+def test_the_history_always_covers_the_dead_time(latency, spans):
     sheet = DataSheet(command_latency=latency)
     actuation = resting_actuation()
     for span in spans:
         actuation = coast(Pose(0.0, 0.0, 0.0), actuation, Twist(1.0, 0.0), span, sheet).actuation
-        assert len(actuation.under_way) == SLOTS
-    total = sum(held.span for held in actuation.under_way)
+        assert len(actuation.history) == SLOTS
+    total = sum(held.span for held in actuation.history)
     assert total >= min(latency, sum(spans)) - 1e-9
     found = coast(Pose(0.0, 0.0, 0.0), actuation, Twist(1.0, 0.0), 0.0, sheet)
-    # Before the first command it stood.
+    # Before the first command the robot was at rest.
     assert found.pose.x == pytest.approx(min(latency, sum(spans)), abs=1e-9)
-    assert (found.way, found.turn) == pytest.approx((min(latency, sum(spans)), 0.0), abs=1e-9)
+    assert (found.path_length, found.turned) == pytest.approx((min(latency, sum(spans)), 0.0), abs=1e-9)
 
 
 def test_the_uncertainty_grows_as_sampled_motions_scatter():
@@ -103,7 +103,7 @@ def test_the_uncertainty_grows_as_sampled_motions_scatter():
     deviations = [math.sqrt(sum(one * one for one in values) / len(values)) for values in (xs, ys, thetas)]
     rest = Pose(0.5, 0.0, 0.4)
     found = predicted(Coasted(resting_actuation(), rest, way, turn), uncertainty).uncertainty
-    # One number for the position: at least the larger of both directions.
+    # The deviation of the position is at least the larger one of both directions.
     assert max(deviations[:2]) < found.xy * 1.02
     assert found.xy < 1.25 * max(deviations[:2])
     assert found.theta == pytest.approx(deviations[2], rel=0.02)

@@ -1,4 +1,4 @@
-"""Limits of the command: kept bounds and curvature, no needless slowness, random drives with bounds that change."""
+"""Limits of the command: bounds, curvature, the largest possible command, random drives with bounds that change."""
 
 import math
 import random
@@ -29,28 +29,28 @@ SLACK = 1.0 + 1e-12
 
 
 def used(command, limits):
-    """Return how much of each velocity bound a command takes up: at most 1 is allowed."""
+    """Return the largest ratio of a velocity to its bound; at most 1 is allowed."""
     fastest = max(abs(speed) for speed in wheel_speeds(command, WheelGeometry(0.05, 0.6)))
     return max(abs(command.v) / limits.v_max, abs(command.omega) / limits.omega_max, fastest / limits.wheel_max)
 
 
 @CHECK
 @given(TWISTS, SHEETS)
-def test_velocity_limits_scale_by_the_largest_factor_allowed(wanted, limits):
-    command = limit_velocity(wanted, limits)
-    share = used(wanted, limits)
+def test_velocity_limits_scale_by_the_largest_factor_allowed(requested, limits):
+    command = limit_velocity(requested, limits)
+    share = used(requested, limits)
     factor = 1.0 if share <= 1.0 else 1.0 / share
     assert used(command, limits) <= SLACK
-    expected = (factor * wanted.v, factor * wanted.omega)
+    expected = (factor * requested.v, factor * requested.omega)
     assert command == pytest.approx(expected, rel=1e-9, abs=1e-300)
     if share <= 1.0:
-        assert command == wanted
+        assert command == requested
 
 
-def reachable(factor, wanted, previous, dt, limits):
+def reachable(factor, requested, previous, dt, limits):
     return (
-        abs(factor * wanted.v - previous.v) <= limits.a_max * dt + 1e-12
-        and abs(factor * wanted.omega - previous.omega) <= limits.omega_dot_max * dt + 1e-12
+        abs(factor * requested.v - previous.v) <= limits.a_max * dt + 1e-12
+        and abs(factor * requested.omega - previous.omega) <= limits.omega_dot_max * dt + 1e-12
     )
 
 
@@ -63,8 +63,8 @@ ACCELERATIONS = st.builds(
 
 @CHECK
 @given(TWISTS, TWISTS, ACCELERATIONS, st.sampled_from((0.0, 0.02, 0.1, 1.0)))
-def test_acceleration_limits_against_a_search(wanted, previous, limits, dt):
-    command = limit_acceleration(wanted, previous, dt, limits)
+def test_acceleration_limits_keep_the_curve_and_as_much_speed_as_a_search_finds(requested, previous, limits, dt):
+    command = limit_acceleration(requested, previous, dt, limits)
     room_v = 0.0 if dt == 0.0 else limits.a_max * dt
     room_w = 0.0 if dt == 0.0 else limits.omega_dot_max * dt
     if limits.a_max < math.inf:
@@ -73,11 +73,11 @@ def test_acceleration_limits_against_a_search(wanted, previous, limits, dt):
         assert abs(command.omega - previous.omega) <= room_w * SLACK + 1e-12
     if dt == 0.0:
         return
-    factors = [s / 500 for s in range(501) if reachable(s / 500, wanted, previous, dt, limits)]
+    factors = [s / 500 for s in range(501) if reachable(s / 500, requested, previous, dt, limits)]
     if factors:
-        # On the wanted curve, and no point of the search is further along it.
-        assert command.v * wanted.omega == pytest.approx(command.omega * wanted.v, abs=1e-9)
-        size = math.hypot(*wanted)
+        # The command is on the requested curve, and at least as fast as each command of the search.
+        assert command.v * requested.omega == pytest.approx(command.omega * requested.v, abs=1e-9)
+        size = math.hypot(*requested)
         assert math.hypot(*command) >= factors[-1] * size * (1.0 - 1e-9) - 1e-12
         assert math.hypot(*command) <= size * SLACK
 
@@ -96,14 +96,14 @@ def some_sheet(rng):
 
 
 def excess_over(velocities, sheet):
-    """By how much |v|, |omega| and the faster rim exceed their bounds; at most 0 where they do not."""
+    """Return by how much |v|, |omega| and the faster rim exceed their bounds; <= 0 within the bounds."""
     v, omega = map(abs, velocities)
     rim = v + 0.5 * sheet.wheels.wheel_separation * omega
     return v - sheet.v_max, omega - sheet.omega_max, rim - rim_speed(sheet)
 
 
 def assert_holds(command, last, dt, sheet):
-    """Neither velocity changes too fast, and no bound is exceeded by more than hard braking leaves."""
+    """Check that no velocity changes too fast, and that a command beyond a bound brakes as hard as possible."""
     changes = sheet.a_max * dt, sheet.omega_dot_max * dt
     slowest = [max(abs(one) - change, 0.0) for one, change in zip(last, changes, strict=True)]
     for now, before, change in zip(command, last, changes, strict=True):

@@ -22,7 +22,7 @@ def after(before, rho, sigma, *, theta=0.0, command=REST, reached=False, dt=0.1)
 
 
 @given(st.floats(0.0, 2.0), st.floats(0.0, 1.0))
-def test_it_is_entered_within_one_deviation_and_left_beyond_three_and_the_tolerance(rho, sigma):
+def test_omega_l_is_entered_within_one_deviation_and_left_beyond_three_and_the_tolerance(rho, sigma):
     entering = max(0.02, sigma)
     leaving = max(3.0 * entering, 0.1)
     assume(min(abs(rho - entering), abs(rho - leaving)) > 1e-12)  # 0.2 * 0.1 is not 0.02
@@ -36,7 +36,7 @@ def test_it_is_entered_within_one_deviation_and_left_beyond_three_and_the_tolera
 
 
 @pytest.mark.parametrize("region", [OMEGA_G, OMEGA_L])
-def test_a_distance_that_is_no_number_changes_nothing(region):
+def test_a_distance_that_is_not_a_number_does_not_change_the_region(region):
     assert after(Switching(region, 3, 0.0), math.nan, 0.02)[0].region == region
 
 
@@ -50,16 +50,16 @@ def rested(rho, sigma, seconds=5.0, **standing):
     return math.inf
 
 
-def test_a_robot_at_rest_that_is_off_by_more_than_its_estimate_explains_approaches_again_after_a_second():
+def test_a_robot_at_rest_with_a_significant_error_approaches_again_after_a_second():
     # 0.085 m from the goal with 1 cm: 7 % of the possible positions are outside 0.1 m.
     assert rested(0.085, 0.01) in (pytest.approx(1.0), pytest.approx(1.1))
-    # With 1 % or with 0.5 cm an answer is near, or given.
+    # With 1 % outside, or with 0.5 cm, the goal is reached or will soon be.
     assert rested(0.07, 0.01) == math.inf
     assert rested(0.085, 0.005) == math.inf
     assert rested(0.085, 0.01, reached=True) == math.inf
-    # Where even at the goal an answer were impossible, driving does not help.
+    # If the estimate is too uncertain even at the goal, driving does not help.
     assert rested(0.085, 0.05) == math.inf
-    # A robot that moves, or still turns, does not rest.
+    # A robot that moves, or whose heading is off, is not at rest.
     assert rested(0.085, 0.01, command=Twist(0.06, 0.0)) == math.inf
     assert rested(0.085, 0.01, command=Twist(0.0, 0.11)) == math.inf
     assert rested(0.085, 0.01, theta=0.11) == math.inf

@@ -1,4 +1,4 @@
-"""The law with braking profiles: equations, bounds, gains, its variables at the goal, and which end leads."""
+"""The law with braking profiles: equations, bounds, gains, Lyapunov functions and direction of travel."""
 
 import itertools
 import math
@@ -54,7 +54,7 @@ DISTANCES = st.floats(1e-3, 50.0)
 
 
 def profile(error, brake, react):
-    """The speed s with s^2 / (2 brake) + s react = |error|, written anew."""
+    """Return the speed s with s^2 / (2 brake) + s react = |error|, by another formula than the law's."""
     return math.copysign(brake * (math.sqrt(react**2 + 2.0 * abs(error) / brake) - react), error)
 
 
@@ -99,7 +99,7 @@ def test_the_course_with_the_least_turning_is_chosen_of_those_allowed(x, y, thet
     assume(math.hypot(x, y) > 0.1)
 
     def turning(leading, turned):
-        """To look along the line to the goal with this end, and from there to the heading that it needs there."""
+        """Return the angle of the turn onto the line to the goal, plus the angle of the turn to the heading there."""
         line = math.atan2(-y, -x) + (math.pi if leading == BACK else 0.0)
         goal = math.pi if turned else 0.0
         return sum(abs(math.remainder(angle, math.tau)) for angle in (line - theta, goal - line))
@@ -110,12 +110,12 @@ def test_the_course_with_the_least_turning_is_chosen_of_those_allowed(x, y, thet
     assert turnings[found] == pytest.approx(min(turnings.values()), abs=1e-9)
 
 
-def test_a_position_that_is_not_known_well_is_approached_with_a_longer_reaction():
+def test_an_uncertain_position_is_approached_with_a_longer_reaction_time():
     gains = gains_of(DataSheet(), 0.1)._replace(brake=2.0, react=0.5)
     known = approach_speed(0.4, 1.0, gains, 10.0)
     # s^2 / (2 brake) + s react = 0.4 with 0.5 s: s^2 / 4 + s / 2 - 0.4 = 0.
     assert known == pytest.approx(-1.0 + math.sqrt(1.0 + 1.6))
-    # Twice the deviation to arrive with: 0.5 s times 2^2 = 2 s. That is 0.05 m, or 0.3 of a wide tolerance.
+    # Twice the required deviation, which is 0.05 m, or 0.3 of a wide tolerance: 0.5 s times 2^2 = 2 s.
     assert uncertainty_ratio(0.1, 0.05, 0.1) == uncertainty_ratio(0.18, 0.05, 0.3) == pytest.approx(2.0)
     assert approach_speed(0.4, 2.0, gains, 10.0) == pytest.approx(-4.0 + math.sqrt(16.0 + 1.6))
     assert approach_speed(100.0, 0.0, gains, 1.3) == 1.3
@@ -133,8 +133,8 @@ def test_the_gains_follow_the_data_sheet_and_the_period():
 
 @CHECK
 @given(st.floats(0.01, 5.0), ANGLES, ANGLES)
-def test_the_lyapunov_functions_fall_as_stated(rho, alpha, beta):
-    """Against the kinematics, by differences of V along a short drive."""
+def test_the_lyapunov_functions_decrease_as_stated(rho, alpha, beta):
+    """Compare the stated dV with differences of V along a short drive."""
     assume(rho > 0.05)
     gains, h = gains_of(DataSheet(), 0.1), 1e-6
     pose = Pose(-rho * math.cos(beta), -rho * math.sin(beta), beta - alpha)

@@ -1,11 +1,11 @@
-"""Which parameters the controller has with a law of others, and which laws it refuses."""
+"""Parameters of the controller with a custom law, and laws that the controller refuses."""
 
 import sys
 from typing import Annotated, NamedTuple
 
 import pytest
 
-from diffbot_control.law import PRESETS, GoalTolerance, Law, PaperConfig, SwitchingLaw
+from diffbot_control.law import PRESETS, GoalTolerance, Law, SwitchingLaw
 from diffbot_control.ros.parameters.controller import ControllerNodeConfig, parameter_set_of
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.errors import InvalidValueError
@@ -37,7 +37,7 @@ class Memory(NamedTuple):
 
 
 def law_with(config):
-    """A law as the text of the parameter ``law``; its step is never taken."""
+    """Return the parameter ``law`` for a law with this Config."""
     members = {
         "name": "mine",
         "Config": config,
@@ -79,8 +79,8 @@ def test_fields_without_a_spec_are_no_parameters_and_keep_their_defaults():
     ("config", "reason"),
     [
         (Clash, r"a law with usable parameters \(TypeError: .*used twice: \['hold_goal'\]\)"),
-        (Simulated, "a law without a parameter use_sim_time, which every node has"),
-        (Complex, "a law with numbers, booleans and texts as parameters, not gain"),
+        (Simulated, "a law without a parameter use_sim_time, because every node has one"),
+        (Complex, "a law whose parameters are numbers, booleans or texts; gain is not"),
     ],
 )
 def test_a_law_whose_parameters_the_node_cannot_have_is_refused(config, reason):
@@ -100,6 +100,7 @@ def test_a_law_whose_parameters_the_node_cannot_have_is_refused(config, reason):
 )
 def test_a_preset_selects_its_law_and_a_law_its_preset(given, law, preset):
     config_type, presets = parameter_set_of(given)
+    assert ("sigma_known" in {one.name for one in parameters_of(config_type)}) == (law == "switching")
     found = presets[given.get("preset", config_type().preset)]
     assert (found.law, found.preset) == (law, preset)
     assert found.supervisor.controller == PRESETS[preset].config
@@ -112,10 +113,3 @@ def test_a_preset_of_another_law_is_refused(given):
         InvalidValueError, match=f"preset = '{given['preset']}': must be one of the law {given['law']}: "
     ):
         parameter_set_of(given)
-
-
-def test_the_controller_of_the_paper_has_the_papers_parameters():
-    config_type, _ = parameter_set_of({"preset": "paper"})
-    names = {one.name for one in parameters_of(config_type)}
-    assert {one.name for one in parameters_of(PaperConfig)} <= names
-    assert "sigma_known" not in names
