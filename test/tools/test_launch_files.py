@@ -89,7 +89,7 @@ def test_every_argument_is_declared_and_checked_before_anything_starts(load, nam
     assert choices["log_level"] == ["debug", "info", "warn", "error", "fatal"]
     with pytest.raises(InvalidValueError, match=r"^composed = "):
         actions(entities, composed="true", localization="false")
-    with pytest.raises(DiffbotError, match=r"^rviz2 is not installed$"):
+    with pytest.raises(DiffbotError, match=r"^the package rviz2 is not installed$"):
         actions(entities, rviz="true")
 
 
