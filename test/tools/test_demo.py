@@ -117,7 +117,7 @@ def test_watched_it_shows_a_page_and_stays_until_signals_end_all_processes_and_l
     program = f"{near}\nfrom diffbot_tools import cli\nraise SystemExit(cli.main())"
     with graph.process(sys.executable, "-c", program, *command(out, "--watch")[3:], cwd=tmp_path) as process:
         process.wait_for_output("Page: http://127.0.0.1:")
-        process.wait_for_output("The robot is yours", 200.0)
+        process.wait_for_output("Draw goals on the page", 200.0)
         assert (out / "report.html").is_file()
         nodes = children(process.popen.pid)
         assert len(nodes) >= 4

@@ -72,11 +72,11 @@ def test_a_file_means_the_same_as_its_description_and_has_nothing_wrong(descript
         ({"all__linear__x__max_acceleration": None}, check.missing, "linear.x.max_acceleration"),
         ({"ekf__global_pose_sigma_xy": None}, check.missing, "global_pose without covariance is dropped"),
         ({"ekf__wheel_separation": 0.3}, check.contradictions, "controller 0.16, plant 0.16, ekf 0.3"),
-        ({"all__wheel__max_velocity": 2.0}, check.contradictions, "allows 0.066 only"),
+        ({"all__wheel__max_velocity": 2.0}, check.contradictions, "allows only 0.066"),
         (
             {"controller__pose_timeout": 0.06},
             check.contradictions,
-            "two periods of odom = 0.1: pose_timeout is 0.06 only",
+            "two periods of odom = 0.1: pose_timeout is only 0.06",
         ),
     ],
 )
@@ -180,7 +180,7 @@ def test_a_law_of_ones_own_has_the_tolerances_of_the_file(tmp_path, kept_signal_
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (["new", "{}/a.yaml"], "not a terminal to ask in"),
+        (["new", "{}/a.yaml"], "its input is not a terminal"),
         (["check", "turtlebot"], "did you mean turtlebot"),
     ],
 )
