@@ -174,7 +174,7 @@ def nees_of(error: Array, P: Array) -> Array:
 
 
 def figures_of(errors: Errors) -> Figures:
-    """Return the statistics of errors; unless each true heading is known, the NEES is computed from the position alone."""
+    """Return the statistics of errors; the NEES is computed from the position alone if a true heading is missing."""
     distance = np.hypot(errors.error[:, 0], errors.error[:, 1])
     numbers = 3 if np.isfinite(errors.error).all() else 2
     nees = nees_of(errors.error[:, :numbers], errors.P[:, :numbers, :numbers])

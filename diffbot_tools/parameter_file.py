@@ -14,8 +14,6 @@ from diffbot_core.yaml_files import values_for
 from diffbot_sim.parameters import PlantNodeConfig
 
 EKF = "ekf"
-_OF_EVERY_NODE = "use_sim_time"
-"""parameter that every ROS node has"""
 
 
 def read_config(path: Path) -> EkfNodeConfig:
@@ -40,7 +38,7 @@ def values_of(values: Mapping[str, Any], config_type: type[Any]) -> dict[str, An
     """
     types = config_type, ControllerNodeConfig, EkfNodeConfig, PlantNodeConfig
     own, *others = ({one.name for one in parameters_of(kind)} for kind in types)
-    known = own.union(*others, (_OF_EVERY_NODE,))
+    known = own.union(*others, ["use_sim_time"])
     for name, value in values.items():
         if name not in known:
             raise InvalidValueError(name, value, known_name(name, known))

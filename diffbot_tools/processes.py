@@ -12,7 +12,6 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from types import TracebackType
 from typing import IO, Any
 
 import yaml
@@ -117,7 +116,7 @@ def graph_environment(domain: int) -> dict[str, str]:
 
 
 @contextlib.contextmanager
-def _signals_ignored() -> Iterator[None]:
+def _ignored_signals() -> Iterator[None]:
     before = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield
@@ -189,15 +188,10 @@ class NodeProcesses:
         """Return self."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Stop all nodes that are still running."""
-        # A second Ctrl-C must not leave nodes running; a node that ignores SIGINT is killed after STOP_TIMEOUT.
-        with _signals_ignored():
+        # A second Ctrl-C must not leave nodes running.
+        with _ignored_signals():
             for name in reversed(list(self._running)):
                 self.stop(name)
         for log in self._logs:

@@ -124,11 +124,12 @@ def parameter_file_of(bag: Path, params: Path | None) -> Path:
     Raises:
         DiffbotError: if there is no bag or no parameter file.
     """
-    if not bag.expanduser().exists():
+    bag = bag.expanduser()
+    if not bag.exists():
         raise DiffbotError(f"there is no bag {bag}")
     if params is not None:
         return params
-    folder = bag.expanduser() if bag.is_dir() else bag.expanduser().parent
+    folder = bag if bag.is_dir() else bag.parent
     path = folder / PARAMETERS
     if not path.is_file():
         raise DiffbotError(f"{folder} has no {PARAMETERS}: give a parameter file with --params")
