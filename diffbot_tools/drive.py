@@ -70,11 +70,7 @@ def add_drive(commands: Any) -> None:
         # Without this, argparse parses -90deg as a flag.
         command._negative_number_matcher = _NEGATIVE
         command.add_argument(
-            "--timeout",
-            type=duration,
-            default=math.inf,
-            metavar="S",
-            help="cancel the goal S seconds after its acceptance",
+            "--timeout", type=duration, default=math.inf, metavar="S", help="cancel S seconds after the acceptance"
         )
         command.add_argument("--namespace", default="", metavar="NS", help="namespace of the robot")
 
@@ -85,21 +81,17 @@ def _add_goal(commands: Any) -> argparse.ArgumentParser:
         help="drive to a goal pose and report how it ended",
         epilog="exit status: 0 reached (or accepted, with --no-wait), 1 error or refused, 2 usage, 3 not reached, "
         "4 replaced by another goal, 5 cancelled by another client, 6 pose lost, 7 controller gone or restarted, "
-        "8 timeout, "
-        "130 interrupted",
+        "8 timeout, 130 interrupted",
     )
     goal.add_argument("x", type=_POSITION, help="position [m]")
     goal.add_argument("y", type=_POSITION, help="position [m]")
     goal.add_argument("yaw", type=angle, help="heading [rad], or in degrees as 90deg")
     goal.add_argument("--frame", default="map", help="frame of the goal (default: %(default)s)")
     goal.add_argument(
-        "--wait",
-        action=argparse.BooleanOptionalAction,
-        default=True,
-        help="wait for the end of the goal (default: --wait)",
+        "--wait", action=argparse.BooleanOptionalAction, default=True, help="wait for the end of the goal"
     )
     goal.add_argument(
-        "--controller", default="controller", metavar="NAME", help="name of the node (default: %(default)s)"
+        "--controller", default="controller", metavar="NAME", help="node that drives (default: %(default)s)"
     )
     goal.add_argument(
         "--restart-timeout",
@@ -122,9 +114,7 @@ def _add_docking(commands: Any) -> tuple[argparse.ArgumentParser, argparse.Argum
         help="pose of the docked robot in the map [m, m, rad]; if given, drive to the staging pose first",
     )
     dock.add_argument("--frame", default="map", help="frame of this pose (default: %(default)s)")
-    dock.add_argument(
-        "--controller", default="controller", metavar="NAME", help="name of the node that drives to the staging pose"
-    )
+    dock.add_argument("--controller", default="controller", metavar="NAME", help="node that drives to the staging pose")
     dock.set_defaults(call=_dock)
     undock = commands.add_parser("undock", help="drive out of the dock along its axis", epilog=epilog)
     undock.set_defaults(call=_undock)
@@ -141,7 +131,7 @@ def _add_docking(commands: Any) -> tuple[argparse.ArgumentParser, argparse.Argum
             "--docking-controller",
             default="dock_controller",
             metavar="NAME",
-            help="name of the node (default: %(default)s)",
+            help="node that docks (default: %(default)s)",
         )
     return dock, undock
 

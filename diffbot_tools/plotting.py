@@ -1,4 +1,4 @@
-"""Layout, colours and saving of figures. Without a choice of the user, matplotlib uses the backend Agg: no screen."""
+"""Layout, colours and saving of figures. Without MPLBACKEND, matplotlib uses the backend Agg, which needs no screen."""
 
 from __future__ import annotations
 

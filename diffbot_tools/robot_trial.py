@@ -26,9 +26,9 @@ GOALS = {
 }
 """Goals [m, m, rad] of the trial drives, in the frame of the robot at its start."""
 _RESTING_TIME, _SLOW = 60.0, 5.0
-"""[s] time for which the robot stands still, and longest time until a certain pose that is not reported"""
+"""[s] duration of the simulation at rest, and longest time until the pose is certain that is not reported as slow"""
 _ALIKE = 1.5
-"""largest ratio of two values of one standard deviation that agree"""
+"""Two values of a standard deviation agree if their ratio is not larger."""
 _FACTORS = tuple(1.2**number for number in range(1, 9))
 """Multiples of the smallest possible tolerance that are tried."""
 FAR, SHORT = "far", "short"
@@ -135,7 +135,7 @@ def trial_drives(robot: RobotConfig) -> Iterator[tuple[str, Drive]]:
 
 
 def wider_tolerances(robot: RobotConfig, uncertainty: Uncertainty) -> str:
-    """Return the smallest tried tolerances with which all trial drives reach their goals, as lines of a file."""
+    """Return a text with the smallest of some tolerances with which all trial drives reach their goals."""
     given = robot.tolerance.xy_goal_tolerance, robot.tolerance.yaw_goal_tolerance
     names = "xy_goal_tolerance", "yaw_goal_tolerance"
     smallest = smallest_tolerance(robot.tolerance, uncertainty)

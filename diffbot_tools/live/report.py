@@ -20,7 +20,7 @@ from diffbot_core.endpoints import (
 from diffbot_tools.live.streams import COMMANDS, SIMULATED_CLOCK, Stream, Streams
 
 _MAX_AHEAD, _MAX_BEHIND = 0.1, 1.0
-"""[s] largest time by which stamps may be ahead of the clock, which no measurement can be, and behind the clock"""
+"""[s] largest times by which stamps may be ahead of the clock and behind the clock; no measurement is ahead"""
 _MAX_REPEATED = 0.2
 """largest share of messages without a later stamp"""
 
@@ -91,7 +91,7 @@ def input_lines(
     if not any(streams.stream(name).arrivals for name in fixes):
         required.update(fixes)
     names = [source, *(name for name in graphs if name != source)]
-    # The ekf reads one of both odometries.
+    # The ekf reads only one of odom and joint_states.
     unused = {"odom", "joint_states"} - {source, *sensors}
     shown = [name for name in names if name not in unused and (name in required or graphs[name].publishers)]
     return [_input_line(name, graphs[name], streams, robot, duration) for name in shown]
@@ -251,7 +251,7 @@ def mismatches(graph: TopicGraph, subscriptions: Iterable[Endpoint]) -> list[str
 
 
 def too_many_publishers(graph: TopicGraph, role: str) -> list[str]:
-    """Return the fault that a topic has several publishers, if it has; ``role`` is what one node may do alone."""
+    """Return a fault if a topic has several publishers; ``role`` completes "only one may"."""
     count = len(graph.publishers)
     if count < 2:
         return []
