@@ -48,34 +48,6 @@ class Errors(NamedTuple):
     """(n, 3, 3) covariances of the estimates"""
 
 
-class Figures(NamedTuple):
-    """Statistics of the errors of a drive; nan for quantities without true values."""
-
-    seconds: float
-    """[s] duration of the compared estimates"""
-    rmse: float
-    """[m] root mean square error of the position"""
-    largest: float
-    """[m] largest error of the position"""
-    heading_rmse: float
-    """[rad] root mean square error of the heading"""
-    nees: float
-    """mean NEES; its expectation is :attr:`nees_numbers`"""
-    nees_numbers: int
-    """3, or 2 without true headings"""
-
-    def __str__(self) -> str:
-        """Return the statistics as lines of text."""
-        heading = "not measured" if math.isnan(self.heading_rmse) else f"{self.heading_rmse:.4f} rad"
-        return (
-            f"compared              {self.seconds:.1f} s\n"
-            f"position, RMSE        {self.rmse:.4f} m\n"
-            f"position, largest     {self.largest:.4f} m\n"
-            f"heading, RMSE         {heading}\n"
-            f"NEES, mean            {self.nees:.3f} ({self.nees_numbers} if consistent)"
-        )
-
-
 class Innovation(NamedTuple):
     """The innovation of one measurement."""
 
@@ -173,18 +145,22 @@ def nees_of(error: Array, P: Array) -> Array:
     return nees
 
 
-def figures_of(errors: Errors) -> Figures:
-    """Return the statistics of errors; the NEES is computed from the position alone if a true heading is missing."""
+def errors_text(errors: Errors) -> str:
+    """Return duration, errors and mean NEES in lines of text.
+
+    If a true heading is missing, the NEES is computed from the position alone.
+    """
     distance = np.hypot(errors.error[:, 0], errors.error[:, 1])
+    heading_rmse = float(np.sqrt(np.mean(errors.error[:, 2] ** 2)))
     numbers = 3 if np.isfinite(errors.error).all() else 2
     nees = nees_of(errors.error[:, :numbers], errors.P[:, :numbers, :numbers])
-    return Figures(
-        float(errors.time[-1] - errors.time[0]),
-        float(np.sqrt(np.mean(distance**2))),
-        float(distance.max()),
-        float(np.sqrt(np.mean(errors.error[:, 2] ** 2))),
-        float(np.mean(nees)),
-        numbers,
+    heading = "not measured" if math.isnan(heading_rmse) else f"{heading_rmse:.4f} rad"
+    return (
+        f"compared              {errors.time[-1] - errors.time[0]:.1f} s\n"
+        f"position, RMSE        {np.sqrt(np.mean(distance**2)):.4f} m\n"
+        f"position, largest     {distance.max():.4f} m\n"
+        f"heading, RMSE         {heading}\n"
+        f"NEES, mean            {np.mean(nees):.3f} ({numbers} if consistent)"
     )
 
 

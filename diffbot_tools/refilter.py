@@ -48,7 +48,7 @@ from diffbot_tools.figures import (
     Innovation,
     consistency_of_innovations,
     errors_at,
-    figures_of,
+    errors_text,
     read_truth,
 )
 from diffbot_tools.opened_bag import open_bag
@@ -113,7 +113,7 @@ def run(bag: Path, params: Path | None, out: Path, compare: str | None, remap: d
     print(f"whiteness, lag 1      {correlation:+.3f} (white: within +-{bound:.3f})")
     if truth is not None:
         poses, P = np.array([one.pose for one in estimates]), np.array([one.P for one in estimates])
-        print(figures_of(errors_at(stamps, poses, P, truth)))
+        print(errors_text(errors_at(stamps, poses, P, truth)))
     print(out)
     return 0
 

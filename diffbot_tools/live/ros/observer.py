@@ -102,8 +102,9 @@ class Observer:
         topics = {name: self._topic(name, kinds[name], is_input=name in inputs) for name in kinds}
         deadline, missing = time.monotonic() + duration, set(kinds)
         while (left := deadline - time.monotonic()) > 0.0:
-            # A publisher may be discovered later, and some start late.
-            missing -= {name for name in missing if self._subscribe(streams, name, topics[name], kinds[name])}
+            for name in sorted(missing):  # a publisher may be discovered late
+                if self._subscribe(streams, name, topics[name], kinds[name]):
+                    missing.remove(name)
             self._spin(min(left, _LOOK))
         graphs = {name: self._graph(name, topics[name], kinds[name][0]) for name in kinds}
         outputs = {name: graphs[name] for name in _OUTPUTS}
