@@ -177,40 +177,31 @@ def drive(options: GoalOptions) -> int:
         raise InvalidValueError("--controller", options.controller, "the name of a node")
     # By name: the command line must start without ROS.
     client_type = importlib.import_module("diffbot_control.ros.goals.client").GoalClient
-    stop = _Stop()
+    # A signal must not interrupt a call of ROS, since the goal has to be cancelled first.
+    signals: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda received, _frame: signals.append(received))
     names = {name: getattr(options, name) for name in ("namespace", "controller", "frame", "restart_timeout", "prefix")}
     try:
         client = client_type.in_own_context(**names)
     except Exception as error:  # rclpy raises several types for invalid names
         reason = " ".join(str(error).split())
         raise DiffbotError(f"namespace {options.namespace!r}, controller {options.controller!r}: {reason}") from None
-    client.is_stopped = lambda: stop.is_set
+    client.is_stopped = lambda: bool(signals)
     try:
         _send(client, options)
         if options.wait:
-            return _follow(client, options, stop)
+            return _follow(client, options)
         print(f"goal {client.task.id} accepted")
         return 0
     except DiffbotError:
-        if stop.is_set:
+        if signals:
             return _cancel(client, "interrupted", INTERRUPTED)
         if client.task.is_sent:
             client.cancel(_LAST_TIMEOUT)
         raise
     finally:
         client.close()
-
-
-class _Stop:
-    """A flag that SIGINT and SIGTERM set. They must not interrupt a call of ROS: the goal has to be cancelled first."""
-
-    def __init__(self) -> None:
-        self.is_set = False
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._on_signal)
-
-    def _on_signal(self, _number: int, _frame: object) -> None:
-        self.is_set = True
 
 
 def _send(client: Any, options: GoalOptions) -> None:
@@ -252,7 +243,7 @@ def used_domains(table: str) -> list[int]:
     return [domain for domain in range(MAX_DOMAIN + 1) if ports & {7400 + 250 * domain, 7410 + 250 * domain}]
 
 
-def _follow(client: Any, options: GoalOptions, stop: _Stop) -> int:
+def _follow(client: Any, options: GoalOptions) -> int:
     """Show the progress until the goal ends, the timeout or a signal; return the exit status."""
     deadline, reported = time.monotonic() + options.timeout, set[str]()
     bar_format = "{l_bar}{bar}| {n:.2f}/{total:.2f} m{postfix}"
@@ -266,14 +257,14 @@ def _follow(client: Any, options: GoalOptions, stop: _Stop) -> int:
             if client.problem and client.problem not in reported:
                 bar.write(client.problem, file=sys.stderr)
                 reported.add(client.problem)
-            if stop.is_set or time.monotonic() >= deadline:
+            if client.is_stopped() or time.monotonic() >= deadline:
                 break
     task = client.task
     if task.end:
         after = "" if math.isnan(task.elapsed) else f", {task.elapsed:.1f} s after its acceptance"
         print(f"{task.text}{after}")
         return ENDS[task.end]
-    if stop.is_set:
+    if client.is_stopped():
         return _cancel(client, "interrupted", INTERRUPTED)
     return _cancel(client, f"not reached within --timeout {options.timeout:g} s", TIMED_OUT)
 
