@@ -15,7 +15,6 @@ from diffbot_core.endpoints import (
     followed_type,
     input_problem,
     is_observer,
-    qos_mismatch,
 )
 from diffbot_tools.live.streams import COMMANDS, SIMULATED_CLOCK, Stream, Streams
 
@@ -101,10 +100,8 @@ def _input_line(name: str, graph: TopicGraph, streams: Streams, robot: ObservedR
     stream, source, faults = streams.stream(name), streams.config.odometry_source, streams.faults()
     ekf = Endpoint("/ekf", graph.type, streams.config.reliable_inputs)
     is_subscribed = any(one.node == robot.ekf for one in graph.subscriptions)
-    todo = mismatches(graph, graph.subscriptions if is_subscribed else [*graph.subscriptions, ekf])
-    if not graph.publishers:
-        todo.append(input_problem(graph.topic, ekf, (), graph.elsewhere))
-    elif not stream.arrivals and not todo:
+    todo = unmatched(graph, graph.subscriptions if is_subscribed else [*graph.subscriptions, ekf])
+    if not stream.arrivals and not todo:
         todo.append(f"no message was received from {_nodes(graph.publishers)}: look at its log and its device")
     todo += stream_problems(graph.topic, stream, is_latched=graph.is_latched)
     todo += [faults[name]] if name in faults else []
@@ -134,7 +131,7 @@ def output_lines(
         if name == COMMANDS:
             todo += _command_problems(graph, streams, robot)
         elif graph.publishers:
-            todo += mismatches(graph, graph.subscriptions)
+            todo += unmatched(graph, graph.subscriptions)
         else:
             facts = ("no node publishes it yet",)
         lines.append(Line(graph.topic, facts, tuple(todo)))
@@ -229,25 +226,11 @@ def _nodes(endpoints: Iterable[Endpoint]) -> str:
     return ", ".join(sorted({one.node for one in endpoints})) or "nobody"
 
 
-def mismatches(graph: TopicGraph, subscriptions: Iterable[Endpoint]) -> list[str]:
-    """Return which subscriptions receive nothing from which publishers, because of type or quality of service."""
-    found = []
-    for one in graph.publishers:
-        for other in subscriptions:
-            policy, request = qos_mismatch(one, other)
-            if is_observer(other.node):
-                continue
-            if one.type != other.type:
-                found.append(
-                    f"{one.node} publishes {graph.topic} as {one.short_type}, {other.node} subscribes to it as "
-                    f"{other.short_type}: convert one of them, or remap it"
-                )
-            elif policy and not (policy == "durability" and one.node == other.node):
-                found.append(
-                    f"{one.node} does not publish {graph.topic} as {request}, which {other.node} requests: change the "
-                    f"{policy} of one of them"
-                )
-    return list(dict.fromkeys(found))
+def unmatched(graph: TopicGraph, subscriptions: Iterable[Endpoint]) -> list[str]:
+    """Return why subscriptions of nodes other than observers receive nothing, each reason once."""
+    robots = [one for one in subscriptions if not is_observer(one.node)]
+    problems = [input_problem(graph.topic, one, graph.publishers, graph.elsewhere) for one in robots]
+    return list(dict.fromkeys(filter(None, problems)))
 
 
 def too_many_publishers(graph: TopicGraph, role: str) -> list[str]:

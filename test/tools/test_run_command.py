@@ -12,72 +12,70 @@ LIMITS = dict(zip(REQUIRED, (0.6, 1.5, 0.5, 2.0), strict=True))
 ROBOT, WITH_PLANT = ("ekf", "controller"), ("ekf", "controller", "plant")
 
 
+def singles(node):
+    """Return ROS arguments that set the limits of a node; an empty name means all nodes."""
+    return [word for name in REQUIRED for word in ("-p", f"{node}:{name}:=1.0".lstrip(":"))]
+
+
 @pytest.fixture
 def file(tmp_path):
     """Return a function that writes a parameter file and returns the ROS arguments with its path."""
 
-    def write(name="robot.yaml", **sections):
-        content = {
-            f"/**{'' if node == 'all' else f'/{node}'}": {"ros__parameters": values}
-            for node, values in sections.items()
-        }
-        (tmp_path / name).write_text(yaml.safe_dump(content))
-        return ["--params-file", str(tmp_path / name)]
+    def write(sections):
+        names = {node: "/**" if node == "all" else f"/**/{node}" for node in sections}
+        content = {names[node]: {"ros__parameters": values} for node, values in sections.items()}
+        (tmp_path / "robot.yaml").write_text(yaml.safe_dump(content))
+        return ["--params-file", str(tmp_path / "robot.yaml")]
 
     return write
 
 
-def test_limits_count_wherever_they_are_given(file):
-    check_limits(ROBOT, file(all=LIMITS))
-    check_limits(ROBOT, [*file(all=LIMITS), *file("calibrated.yaml", controller={"command_latency": 0.2})])
-    some = {name: LIMITS[name] for name in REQUIRED[:2]}
-    for scope in ("", "controller:"):
-        singles = [word for name in REQUIRED[2:] for word in ("-p", f"{scope}{name}:=1.0")]
-        check_limits(ROBOT, [*file(controller=some), *singles])
-    check_limits(("ekf", "recorder"), file(ekf={"gate_probability": 0.99}))
+@pytest.mark.parametrize(
+    ("nodes", "sections", "arguments"),
+    [
+        (ROBOT, {"all": LIMITS}, ["-r", "__ns:=/robot1"]),
+        (ROBOT, {"controller": {"command_latency": 0.2}}, singles("controller")),
+        (ROBOT, {"ekf": {"wheel_radius": 0.1}}, singles("")),
+        (("ekf", "recorder"), {"ekf": {"wheel_radius": 0.1}}, []),
+        # A plant that is the same robot.
+        (WITH_PLANT, {"plant": {"eps_v_max": 0.065}}, []),
+        (WITH_PLANT, {"all": {"command_latency": 0.2}}, []),
+    ],
+)
+def test_a_controller_with_the_limits_of_its_robot_is_run(file, nodes, sections, arguments, capsys):
+    check_limits(nodes, [*file(sections), *arguments])
+    assert capsys.readouterr().err == ""
 
 
-@pytest.mark.parametrize("sections", [{"plant": LIMITS}, {"controller": {"command_latency": 0.2}}])
-def test_a_controller_without_limits_is_refused_without_a_plant(file, sections):
+@pytest.mark.parametrize(
+    ("nodes", "sections", "arguments", "reason"),
+    [
+        (ROBOT, {"plant": LIMITS}, [], "no plant runs in this process"),
+        (ROBOT, {"ekf": {"wheel_radius": 0.1}}, singles("ekf"), "no plant runs in this process"),
+        (ROBOT, {"controller": LIMITS}, ["-r", "controller:__node:=pilot"], "no plant runs in this process"),
+        (
+            WITH_PLANT,
+            {"controller": {"command_latency": 0.2}},
+            [],
+            "the plant is another robot: command_latency 0.2 and 0",
+        ),
+        (WITH_PLANT, {"ekf": {"wheel_radius": 0.1}}, [], "the plant is another robot: wheel_radius 0.1 and 0.05"),
+        (WITH_PLANT, {"plant": LIMITS}, [], "linear.x.max_acceleration inf and 0.5"),
+    ],
+)
+def test_a_controller_without_the_limits_of_its_robot_is_refused(file, nodes, sections, arguments, reason):
     with pytest.raises(DiffbotError) as error:
-        check_limits(ROBOT, file(**sections))
-    assert f"the controller has no {', '.join(REQUIRED)}, and no plant runs in this process" in str(error.value)
+        check_limits(nodes, [*file(sections), *arguments])
+    assert str(error.value).startswith(f"the controller has no {', '.join(REQUIRED)}, and ")
+    assert reason in str(error.value)
 
 
 def test_the_command_refuses_missing_limits_in_one_line(file, kept_signal_handlers, capfd):
-    words = file(controller={"command_latency": 0.2})
+    words = file({"controller": {"command_latency": 0.2}})
     assert cli.main(["run", "robot", "--with", "plant", "--ros-args", *words]) == 1
     out, err = capfd.readouterr()
     assert (out, err.count("\n")) == ("", 1)
     assert err.startswith("diffbot: the controller has no linear.x.max_velocity")
-
-
-@pytest.mark.parametrize("sections", [{"plant": {"eps_v_max": 0.065}}, {"all": {"command_latency": 0.2}}])
-def test_without_limits_a_plant_that_is_the_same_robot_is_driven(file, sections):
-    check_limits(WITH_PLANT, file(**sections))
-
-
-@pytest.mark.parametrize(
-    ("sections", "difference"),
-    [
-        ({"controller": {"command_latency": 0.2}}, r"command_latency 0.2 and 0"),
-        ({"ekf": {"wheel_radius": 0.1}}, r"wheel_radius 0.1 and 0.05"),
-        ({"plant": LIMITS}, r".*linear\.x\.max_acceleration inf and 0\.5"),
-    ],
-)
-def test_without_limits_a_plant_that_is_another_robot_is_not_driven(file, sections, difference):
-    with pytest.raises(DiffbotError, match=f"the plant is another robot: {difference}"):
-        check_limits(WITH_PLANT, file(**sections))
-
-
-def test_limits_of_another_node_do_not_count(file):
-    words = file(all=LIMITS)
-    check_limits(ROBOT, [*words, "-r", "__ns:=/robot1"])
-    with pytest.raises(DiffbotError, match="has no linear"):
-        check_limits(ROBOT, [*file(controller=LIMITS), "-r", "controller:__node:=pilot"])
-    singles = [word for name in REQUIRED for word in ("-p", f"ekf:{name}:=1.0")]
-    with pytest.raises(DiffbotError, match="has no linear"):
-        check_limits(ROBOT, [*file("ekf.yaml", ekf={"gate_probability": 0.99}), *singles])
 
 
 def test_without_a_parameter_file_the_default_limits_are_reported(capsys):
