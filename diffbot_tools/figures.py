@@ -95,7 +95,7 @@ def read_truth(reader: BagReader, topic: str) -> Trajectory:
     """Read true poses from a topic of type Odometry, PoseWithCovarianceStamped or PoseStamped.
 
     Raises:
-        DiffbotError: if the bag has no such topic, or the topic has fewer than two poses.
+        DiffbotError: if the topic is missing in the bag, or contains fewer than two poses.
     """
     if topic not in reader.topics:
         names = shown(", ".join(sorted(reader.topics)))
@@ -128,12 +128,12 @@ def errors_at(stamps: NDArray[np.int64], poses: Array, P: Array, truth: Trajecto
         truth: at least two true poses.
 
     Raises:
-        DiffbotError: if there is no true pose at the time of any estimate.
+        DiffbotError: if all estimates are outside the time of the true poses.
     """
     expected = poses_at(stamps, truth)
     use = np.isfinite(expected[:, :2]).all(axis=1)
     if not use.any():
-        raise DiffbotError("the estimates and the true poses have no time in common")
+        raise DiffbotError("all estimates are outside the time of the true poses")
     error = poses[use] - expected[use]
     error[:, 2] -= TWO_PI * np.round(error[:, 2] / TWO_PI)
     return Errors((stamps[use] - stamps[0]) * S_PER_NS, expected[use], error, P[use])

@@ -20,8 +20,8 @@ def read_config(path: Path) -> EkfNodeConfig:
     """Return the configuration of the node ``ekf`` in a parameter file, in any namespace.
 
     Raises:
-        DiffbotError: if the file cannot be read or has no section for ``ekf``, or a parameter is unknown or out of its
-            bounds.
+        DiffbotError: if the file cannot be read, a section for ``ekf`` is missing, or a parameter is unknown or out of
+            its bounds.
     """
     values = values_for(path, EKF)
     try:

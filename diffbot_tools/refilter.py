@@ -241,7 +241,7 @@ class _Output:
     """Writer of pose and odometry/filtered, as the node ``ekf`` publishes them, and of the NIS of each measurement.
 
     The publish time of a message of ``/ekf/nis`` is the stamp of the measurement. The log time is the log time of the
-    odometry message with which the measurement was fused.
+    next odometry message, which fuses the measurement.
     """
 
     def __init__(self, writer: BagWriter, config: EkfNodeConfig) -> None:
@@ -279,7 +279,7 @@ def _filter_bag(filtered: FilterRun, reader: BagReader, output: _Output) -> list
     """Process all messages in the order of their log times; return the estimates.
 
     Raises:
-        DiffbotError: if there is no estimate.
+        DiffbotError: if the messages do not start the filter.
     """
     estimates, total = [], sum(reader.topics[topic].message_count for topic in filtered.topics)
     messages = reader.decoded(filtered.topics)

@@ -78,7 +78,7 @@ def read_robot(source: str | PathLike[str] | RobotDescription) -> RobotConfig:
     """Return the robot that a parameter file, the name of a preset or a description describes.
 
     Raises:
-        DiffbotError: in one line, if there is no such file or preset, a section is missing, or a value is not allowed.
+        DiffbotError: in one line, if the file, the preset or a section is missing, or a value is not allowed.
     """
     if isinstance(source, RobotDescription):
         return _of_description(source, "robot")

@@ -39,7 +39,7 @@ _DRAWN = 12
 
 
 def check(robot: RobotConfig) -> int:
-    """Print how the trial drives end, and what is missing, contradictory or slow in the description.
+    """Print how the trial drives end, and everything in the description that is missing, contradictory or slow.
 
     Returns:
         Exit status: 0, or 1 if something is missing or contradictory, or a goal is not reached.
@@ -135,7 +135,7 @@ def trial_drives(robot: RobotConfig) -> Iterator[tuple[str, Drive]]:
 
 
 def wider_tolerances(robot: RobotConfig, uncertainty: Uncertainty) -> str:
-    """Return a text with the smallest of some tolerances with which all trial drives reach their goals."""
+    """Return a text with wider tolerances that let all trial drives reach their goals, as small as possible."""
     given = robot.tolerance.xy_goal_tolerance, robot.tolerance.yaw_goal_tolerance
     names = "xy_goal_tolerance", "yaw_goal_tolerance"
     smallest = smallest_tolerance(robot.tolerance, uncertainty)
