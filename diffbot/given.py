@@ -12,12 +12,12 @@ from diffbot_core.geometry import MAX_COORDINATE, Pose
 from diffbot_core.schema import C, build, parameters_of
 from diffbot_core.uncertainty import Uncertainty
 from diffbot_tools.arguments import MAX_SEED, checked_heading
-from diffbot_tools.robot import Robot, read_robot
+from diffbot_tools.robot import RobotConfig, read_robot
 from diffbot_tools.robot_description import PRESETS, RobotDescription
 
 AnyPose: TypeAlias = Pose | Sequence[float]
 """x [m], y [m], heading [rad]"""
-AnyRobot: TypeAlias = str | PathLike[str] | RobotDescription | Robot
+AnyRobot: TypeAlias = str | PathLike[str] | RobotDescription | RobotConfig
 """A parameter file, the name of one of ROBOTS, a description, or a robot."""
 
 
@@ -82,20 +82,20 @@ def seed_of(value: int) -> int:
     return value
 
 
-def robot_of(value: AnyRobot) -> Robot:
+def robot_of(value: AnyRobot) -> RobotConfig:
     """Return a robot, whatever describes it.
 
     Raises:
         DiffbotError: in one line, if nothing does, or a value is not allowed.
     """
-    if isinstance(value, Robot):
+    if isinstance(value, RobotConfig):
         return value
     if not isinstance(value, (str, PathLike, RobotDescription)):
         raise InvalidValueError("robot", value, "a parameter file, the name of one of ROBOTS, or diffbot.robot(...)")
     return read_robot(value)
 
 
-def robot(like: str = "turtlebot3_burger", **values: Any) -> Robot:
+def robot(like: str = "turtlebot3_burger", **values: Any) -> RobotConfig:
     """Return a robot that differs from one of ROBOTS in some values.
 
     Examples:

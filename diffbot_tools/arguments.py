@@ -1,4 +1,4 @@
-"""Arguments of the command line: their types, and flags of a configuration."""
+"""Arguments of the command line: types for argparse, and flags for the fields of a configuration."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from diffbot_core.yaml_files import load_yaml
 
 MAX_SEED = 2**63 - 1
 MAX_HEADING = math.tau
-"""[rad] of a goal; a larger one is probably meant in degrees"""
+"""[rad] largest heading of a goal; a larger number is probably meant in degrees"""
 OUTPUTS = ("out", "record")
-"""Names of the options, of any command, with a path to write to; all other paths are read."""
+"""Names of the options of any command whose path is written; all other paths are read."""
 Number = TypeVar("Number", int, float)
 
 
 def check_outputs(options: argparse.Namespace) -> None:
-    """Refuse outputs of any command that would destroy a bag, an input or a file of another kind.
+    """Refuse options of a command that would overwrite a bag, an input or a file that diffbot did not write.
 
     Raises:
-        DiffbotError: see files.check_output.
+        DiffbotError: if :func:`~diffbot_core.files.check_output` refuses a path.
     """
     given = {name: value if isinstance(value, list) else [value] for name, value in vars(options).items()}
     inputs = [one for name, values in given.items() if name not in OUTPUTS for one in values if isinstance(one, Path)]
@@ -54,12 +54,12 @@ def _between(kind: Callable[[str], Number], name: str, low: Number, high: Number
             raise argparse.ArgumentTypeError(f"{text}: must be from {' to '.join(bounds)}")
         return value
 
-    checked.__name__ = name  # of argparse's message
+    checked.__name__ = name  # argparse shows it if the text is not a number
     return checked
 
 
 def duration(text: str) -> float:
-    """Return a time > 0 [s], which may be infinite; a type for argparse."""
+    """Return a positive time [s], which may be infinite; a type for argparse."""
     try:
         value = float(text)
     except ValueError:
@@ -70,19 +70,24 @@ def duration(text: str) -> float:
 
 
 def checked_heading(name: str, theta: float, degrees: str = "math.radians({:g})") -> float:
-    """Return the heading of a goal [rad]; ``degrees`` is the form in which an angle can be given in degrees.
+    """Return the heading of a goal [rad].
+
+    Args:
+        name: name of the heading, for the error.
+        theta: [rad].
+        degrees: how to write an angle in degrees, with a placeholder for the number, for the error.
 
     Raises:
-        InvalidValueError: if it is not finite, or more than a turn, which is probably meant in degrees.
+        InvalidValueError: if the heading is not finite, or more than a turn.
     """
     if not abs(theta) <= MAX_HEADING:
-        hint = f"within a turn, +-{MAX_HEADING:.2f} rad; for degrees write {degrees.format(theta)}"
-        raise InvalidValueError(name, theta, f"a heading {hint}")
+        bound = f"a heading within a turn, +-{MAX_HEADING:.2f} rad; for degrees write {degrees.format(theta)}"
+        raise InvalidValueError(name, theta, bound)
     return theta
 
 
 def angle(text: str) -> float:
-    """Return a heading [rad] of a number, or of a number of degrees as ``90deg``; a type for argparse."""
+    """Return a heading [rad] that is given in radians, or in degrees as ``90deg``; a type for argparse."""
     number, is_degrees, rest = text.partition("deg")
     try:
         if rest:
@@ -96,7 +101,7 @@ def angle(text: str) -> float:
 
 
 def yaml_value(text: str) -> Any:
-    """Return a YAML document of plain values; a type for argparse."""
+    """Return the plain value of a text in YAML; a type for argparse."""
     try:
         return load_yaml(text, shown(text), unique_keys=True)
     except DiffbotError as error:
@@ -104,7 +109,7 @@ def yaml_value(text: str) -> Any:
 
 
 def setting(text: str) -> tuple[str, Any]:
-    """Return name and value of NAME=VALUE; a type for argparse."""
+    """Return the name and the value of NAME=VALUE; a type for argparse."""
     name, found, value = text.partition("=")
     if not found or not name:
         raise argparse.ArgumentTypeError(f"{text!r}: must be NAME=VALUE")
@@ -112,14 +117,14 @@ def setting(text: str) -> tuple[str, Any]:
 
 
 def ros_parameters(values: Mapping[str, Any]) -> list[str]:
-    """Return the ROS arguments that set parameters."""
-    # ROS parses values as YAML, of which JSON is a subset, but not its pairs of surrogates.
+    """Return the ROS arguments that set these parameters."""
+    # ROS parses values as YAML. JSON is valid YAML, except for escaped surrogate pairs, so nothing is escaped.
     pairs = (f"{name}:={json.dumps(value, ensure_ascii=False)}" for name, value in values.items())
     return [part for pair in pairs for part in ("-p", pair)]
 
 
 def once(flag: str, settings: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Return settings by name.
+    """Return the values of repeated options ``flag`` by name.
 
     Raises:
         InvalidValueError: if a name is given twice.
@@ -133,7 +138,7 @@ def once(flag: str, settings: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def add_flags(parser: argparse.ArgumentParser, config_type: type[Any], without: tuple[str, ...] = ()) -> None:
-    """Add a flag for each parameter of a configuration; flags that are not given are absent from the result."""
+    """Add a flag for each parameter of a configuration; the parsed options contain only the flags that are given."""
     for parameter in parameters_of(config_type):
         if parameter.name in without:
             continue

@@ -1,4 +1,4 @@
-"""The processes that a launch file starts, as plain data, and the check that a robot is driven by its own limits."""
+"""Processes of the launch files as plain data, and the check that a controller has the limits of its robot."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from diffbot_core.data_sheet import DataSheet
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.files import read_text
 from diffbot_core.schema import parameters_of, to_dict
-from diffbot_core.yaml_files import MAX_BYTES, load_yaml, read_sections, values_for
+from diffbot_core.yaml_files import MAX_BYTES, WILDCARDS, Section, load_yaml, read_sections, values_for
 from diffbot_sim.parameters import PlantNodeConfig
 
 PACKAGE = "diffbot"
@@ -28,21 +28,21 @@ REQUIRED = (
     "linear.x.max_acceleration",
     "angular.z.max_acceleration",
 )
-"""Parameters of the controller whose defaults are those of the paper's robot, or no limit at all."""
+"""Limits of a robot. By default they are the limits of the paper's robot, or infinite."""
 CONTROLLER, EKF, PLANT = "controller", "ekf", "plant"
 _BOOLEAN = ("true", "false")
 _PATHS = "parameters", "urdf", "bag"
 _MEMBERS = {"robot": ("ekf", "controller"), "docking": ("dock_ekf", "dock_controller")}
-"""Nodes of the processes that hold two."""
+"""Nodes of each process that runs two nodes."""
 
 
 class Argument(NamedTuple):
-    """One argument of a launch file; its value is a text on the command line."""
+    """One argument of a launch file; on the command line its value is a text."""
 
     name: str
     text: str
     default: str = ""
-    """Empty: not given, so that the parameter file and the node decide."""
+    """An empty default leaves the value to the parameter file and the node."""
     choices: tuple[str, ...] = ()
     is_number: bool = False
 
@@ -68,7 +68,7 @@ ROBOT = (
     Argument("description", "start robot_state_publisher, if it is installed", "false", _BOOLEAN),
     Argument("use_sim_time", "use the time of /clock: with a replayed bag or another simulator", "false", _BOOLEAN),
 )
-"""Of robot.launch.py."""
+"""Arguments of robot.launch.py."""
 SIMULATION = (
     *_COMMON,
     Argument("description", "start robot_state_publisher, if it is installed", "true", _BOOLEAN),
@@ -79,7 +79,7 @@ SIMULATION = (
     Argument("clock", "source of time", "wall", ("wall", "scaled", "lockstep")),
     Argument("real_time_factor", "speed of the clock scaled", is_number=True),
 )
-"""Of simulation.launch.py."""
+"""Arguments of simulation.launch.py."""
 
 
 class NodePlan(NamedTuple):
@@ -88,28 +88,28 @@ class NodePlan(NamedTuple):
     executable: str
     package: str = PACKAGE
     name: str = ""
-    """Name of the node; empty: the names of the executable, as with several nodes in one process."""
+    """Name of the node; empty if the executable names its nodes."""
     namespace: str = ""
     files: tuple[str, ...] = ()
     """Parameter files."""
     parameters: Mapping[str, Any] = {}
-    """These come after the files."""
+    """Single parameters, which override the files."""
     remappings: tuple[tuple[str, str], ...] = ()
     arguments: tuple[str, ...] = ()
     ros_arguments: tuple[str, ...] = ()
     required: bool = True
     """The end of this process ends the launch."""
     optional: bool = False
-    """Left out, with a line in the log, if its package is not installed."""
+    """If its package is not installed, the process is skipped with a log line."""
 
 
 def parse(arguments: Sequence[Argument], texts: Mapping[str, str]) -> dict[str, Any]:
-    """Return the value of each argument that is given or has a default, by name.
+    """Return the value of each argument that is given or has a default, by the name of the argument.
 
-    Files are returned as absolute paths. The nodes check numbers, names and the folder of a bag.
+    Paths are made absolute. Numbers, names and the folder of a bag are checked later, by the nodes.
 
     Raises:
-        DiffbotError: if a number is not YAML, or arguments exclude each other.
+        DiffbotError: if a number cannot be parsed, or two arguments exclude each other.
     """
     values: dict[str, Any] = {}
     for one in arguments:
@@ -132,61 +132,68 @@ def plan(values: Mapping[str, Any], share: Path, *, simulate: bool) -> list[Node
     """Return the processes to start, the recorder first, so that the bag misses nothing.
 
     Args:
-        values: of the arguments, as :func:`parse` returns them.
+        values: values of the arguments, from :func:`parse`.
         share: folder of this package's config, rviz and urdf.
         simulate: start the plant.
 
     Raises:
         DiffbotError: in one line, if a file cannot be read.
     """
-    in_step = values.get("clock") == "lockstep"
-    is_simulated_time = values["clock"] != "wall" if simulate else values["use_sim_time"]
-    time = {"use_sim_time": is_simulated_time}
-    # Every step waits for its messages: none may be lost, and each needs an answer, whose stamp names the step.
-    reliable = {"reliable_inputs": True} if in_step else {}
-    stamped = {"cmd_vel_type": "twist_stamped"} if in_step else _given(values, "cmd_vel_type")
-    managed = _given(values, "frame_prefix", "autostart")
-    driver = {**_given(values, "preset"), **stamped, **managed, **reliable}
-    driver |= {"publish_when_idle": True} if in_step else {}
-    found: list[tuple[str, dict[str, Any]]] = [("recorder", {"uri": values["bag"]})] if "bag" in values else []
-    if values["composed"]:
-        found.append(("robot", driver))
-    else:
-        found += [("ekf", managed | reliable)] if values["localization"] else []
-        found.append(("controller", driver))
-    if simulate:
-        start = {f"initial_pose.{name}": values[name] for name in ("x", "y", "yaw") if name in values}
-        plant = _given(values, "frame_prefix", "clock", "seed", "real_time_factor")
-        # The plant makes the time that the others use.
-        found.append(("plant", {**stamped, **plant, **start, "use_sim_time": False}))
-    if values["docking"]:
-        found.append(("docking", {**managed, **stamped, **reliable}))
+    time = {"use_sim_time": values["clock"] != "wall" if simulate else values["use_sim_time"]}
     file = parameter_file(values, share)
     sections = read_sections(file)
-
-    def is_concerned(kind: str) -> bool:
-        # A node whose name is misspelt in the file reports that itself.
-        names = _MEMBERS.get(kind, (kind,))
-        return any(one.node in (name, "*", "**") or one.is_nearly_for(name) for one in sections for name in names)
-
     nodes = [
         NodePlan(
-            executable=f"{kind}_node",
-            name="" if kind in _MEMBERS else kind,
-            files=(str(file),) if is_concerned(kind) else (),
+            executable=f"{process}_node",
+            name="" if process in _MEMBERS else process,
+            files=(str(file),) if _is_for(sections, process) else (),
             parameters={**time, **parameters},
         )
-        for kind, parameters in found
+        for process, parameters in _parameters(values, simulate=simulate).items()
     ]
     nodes += _viewers(values, share, time)
-    # Frames that carry a prefix are for a /tf that all robots share.
+    # Frames with a prefix are distinct, so that all robots can share /tf.
     remappings = () if "frame_prefix" in values else RELATIVE_TF
     options = {"namespace": values.get("namespace", ""), "ros_arguments": ("--log-level", values["log_level"])}
     return [node._replace(remappings=remappings, **options) for node in nodes]
 
 
+def _parameters(values: Mapping[str, Any], *, simulate: bool) -> dict[str, dict[str, Any]]:
+    """Return the parameters of each process of this package, in the order of starting."""
+    is_lockstep = values.get("clock") == "lockstep"
+    # In lock-step a lost message would stop the graph, and the stamp of each command names its step.
+    reliable = {"reliable_inputs": True} if is_lockstep else {}
+    stamped = {"cmd_vel_type": "twist_stamped"} if is_lockstep else _given(values, "cmd_vel_type")
+    idle = {"publish_when_idle": True} if is_lockstep else {}
+    common = _given(values, "frame_prefix", "autostart") | reliable
+    controller = {**_given(values, "preset"), **common, **stamped, **idle}
+    found: dict[str, dict[str, Any]] = {}
+    if "bag" in values:
+        found["recorder"] = {"uri": values["bag"]}
+    if values["composed"]:
+        found["robot"] = controller
+    else:
+        if values["localization"]:
+            found["ekf"] = common
+        found["controller"] = controller
+    if simulate:
+        start = {f"initial_pose.{name}": values[name] for name in ("x", "y", "yaw") if name in values}
+        plant = _given(values, "frame_prefix", "clock", "seed", "real_time_factor")
+        # The plant publishes the time that the other nodes use.
+        found["plant"] = {**stamped, **plant, **start, "use_sim_time": False}
+    if values["docking"]:
+        found["docking"] = {**common, **stamped}
+    return found
+
+
+def _is_for(sections: Sequence[Section], process: str) -> bool:
+    """True if a parameter file is for a node of a process. A node with a misspelt name reports the error itself."""
+    names = _MEMBERS.get(process, (process,))
+    return any(one.node in (name, *WILDCARDS) or one.is_nearly_for(name) for one in sections for name in names)
+
+
 def _viewers(values: Mapping[str, Any], share: Path, time: Mapping[str, Any]) -> list[NodePlan]:
-    """Return robot_state_publisher and RViz as far as the arguments ask for them; ``time`` sets their clock."""
+    """Return robot_state_publisher and RViz, if they are requested; ``time`` is their parameter use_sim_time."""
     nodes = []
     if values["description"]:
         urdf = Path(values.get("urdf", share / "urdf" / "diffbot.urdf"))
@@ -200,16 +207,16 @@ def _viewers(values: Mapping[str, Any], share: Path, time: Mapping[str, Any]) ->
 
 
 def parameter_file(values: Mapping[str, Any], share: Path) -> Path:
-    """Return the parameter file of all nodes; the arguments are those of :func:`plan`."""
+    """Return the parameter file of all nodes: the given file, or the one in the folder ``share`` of this package."""
     return Path(values.get("parameters", share / "config" / "diffbot.yaml"))
 
 
 def environment(values: Mapping[str, Any], outer: Mapping[str, str], *, simulate: bool) -> dict[str, str]:
     """Return the environment variables to set for the nodes.
 
-    A robot is restricted on request only: it may be driven from another host. A simulated robot obeys any cmd_vel and
-    may own /clock, so it stays on its host unless the argument or the environment of the launch, ``outer``, says
-    otherwise.
+    By default a robot can be discovered by other hosts, since another host may drive it. A simulated robot cannot: it
+    obeys any cmd_vel and may publish /clock. The argument, and for a simulation the environment of the launch
+    (``outer``), override the default.
     """
     chosen = values.get("discovery_range", "")
     if not chosen and simulate and not outer.get(DISCOVERY_RANGE):
@@ -222,7 +229,7 @@ def _given(values: Mapping[str, Any], *names: str) -> dict[str, Any]:
 
 
 def check_data_sheet(file: Path) -> None:
-    """Refuse a parameter file whose section of the controller lacks a limit of the robot.
+    """Refuse a parameter file that lacks limits of the robot in the section of the controller.
 
     Raises:
         DiffbotError: naming the file and the missing parameters, or if the file cannot be read.
@@ -235,14 +242,14 @@ def check_data_sheet(file: Path) -> None:
 
 
 def check_limits(nodes: Collection[str], ros_arguments: Sequence[str]) -> None:
-    """Refuse a controller whose parameter files lack the limits of its robot, unless a plant with the same limits runs.
+    """Refuse a controller whose parameter files lack the limits of its robot, unless the plant is the same robot.
 
-    Without limits, the controller drives the robot with the limits of the paper's robot. Without any parameter file
-    this is only a warning, since nothing describes another robot.
+    Without limits the controller would use the limits of the paper's robot. If no parameter file is given, this is only
+    a warning.
 
     Args:
-        nodes: names of the nodes of the process.
-        ros_arguments: of the process, without ``--ros-args``.
+        nodes: names of the nodes in the process.
+        ros_arguments: ROS arguments of the process, without ``--ros-args``.
 
     Raises:
         DiffbotError: in one line, if limits are missing, or a file cannot be read.
@@ -254,13 +261,13 @@ def check_limits(nodes: Collection[str], ros_arguments: Sequence[str]) -> None:
     reason = "no plant runs in this process (--with plant)"
     if PLANT in nodes:
         plant = to_dict(PlantNodeConfig()) | _values_given(PLANT, ros_arguments)
-        # The ekf has wheels, too; a file may have no section for the controller.
+        # Without a section for the controller, the section of the ekf may still give the wheels.
         robot = to_dict(ControllerNodeConfig()) | _values_given(EKF, ros_arguments) | given
         names = [one.name for one in parameters_of(DataSheet) if one.name in plant]
-        other = [f"{name} {robot[name]} and {plant[name]}" for name in names if robot[name] != plant[name]]
-        if not other:
+        different = [f"{name} {robot[name]} and {plant[name]}" for name in names if robot[name] != plant[name]]
+        if not different:
             return
-        reason = f"the plant is another robot: {', '.join(other)}"
+        reason = f"the plant is another robot: {', '.join(different)}"
     if "--params-file" not in ros_arguments:
         limits = to_dict(ControllerNodeConfig()) | given
         used = ", ".join(f"{name} {limits[name]:g}" for name in missing)
@@ -273,7 +280,7 @@ def check_limits(nodes: Collection[str], ros_arguments: Sequence[str]) -> None:
 
 
 def _values_given(node: str, words: Sequence[str]) -> dict[str, Any]:
-    """Return the parameters of a node from files and from single arguments; as in rcl, single ones win."""
+    """Return the parameters that files and single arguments give a node; single arguments win, as in rcl."""
     full_name, values = _full_name(node, words), dict[str, Any]()
     for flag, value in itertools.pairwise(words):
         if flag == "--params-file":
@@ -289,7 +296,7 @@ def _values_given(node: str, words: Sequence[str]) -> dict[str, Any]:
 
 
 def _full_name(node: str, words: Sequence[str]) -> str:
-    """Return the name of a node with its namespace, as it is remapped."""
+    """Return the full name of a node after remapping."""
     namespace, name = "", node
     for flag, value in itertools.pairwise(words):
         target, _, new = value.partition(":=")

@@ -1,4 +1,4 @@
-"""The command ``diffbot``: parses the arguments, imports the command's module, calls it."""
+"""The command ``diffbot``: parse the arguments, import the module of the command, call it."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from diffbot_core.errors import DiffbotError
 from diffbot_core.installed import DISTRIBUTION, entry_points_by_name
 from diffbot_core.launcher import end_on_signals
 from diffbot_core.schema import build, to_dict
-from diffbot_tools.arguments import MAX_SEED, add_flags, check_outputs, duration, ros_parameters, whole
+from diffbot_tools.arguments import MAX_SEED, add_flags, check_outputs, duration, once, ros_parameters, whole
 from diffbot_tools.bag.command import add_bag
-from diffbot_tools.drive import add_drive
+from diffbot_tools.drive import MAX_DOMAIN, add_drive
 from diffbot_tools.live.command import add_check
 from diffbot_tools.robot_command import add_robot
 from diffbot_tools.run_command import NODES, add_run
@@ -31,7 +31,7 @@ from diffbot_tools.view.report_command import add_report
 from diffbot_tools.watch.command import add_watch
 
 COMMANDS = "diffbot.commands"
-"""Group of the entry points of further commands: name -> ``package.module:function``, called with the subparsers."""
+"""Group of the entry points that add commands: each is a function that is called with the subparsers."""
 EXAMPLES: dict[str, tuple[str, ...]] = {
     "demo": ("demo", "demo --watch"),
     "run": ("run robot --with plant recorder", "run robot --ros-args --params-file my_robot.yaml"),
@@ -67,17 +67,17 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "stability adversary": ("stability adversary out/stability/certificate.json",),
     "stability verify": ("stability verify out/stability/certificate.json",),
 }
-"""Examples in the help of each command, by its words."""
+"""Examples in the help of each command, by the words of the command."""
 BROKEN_PIPE = 141
-"""Exit status of a program whose reader has left, as of a program that SIGPIPE ends."""
+"""Exit status if the reader of the output has ended, the same as after SIGPIPE."""
 
 
 def main(args: list[str] | None = None) -> int:
     """Run the command line.
 
     Returns:
-        0, 1 after an error or a missed goal, 2 for wrong usage, 130 after an interrupt, 141 if the reader of the output
-        has left.
+        Exit status: 0 for success, 1 after an error or a missed goal, 2 for wrong usage, 130 after an interrupt, 141 if
+        the reader of the output has ended.
     """
     parser, words = _parser(), sys.argv[1:] if args is None else args
     if "_ARGCOMPLETE" in os.environ:
@@ -88,7 +88,7 @@ def main(args: list[str] | None = None) -> int:
     options = parser.parse_args(words)
     if not hasattr(options, "call"):
         parser.error("a command is missing: diffbot --help lists them")
-    # SIGTERM unwinds like Ctrl-C, so started processes are stopped; nodes set handlers of their own.
+    # SIGTERM raises KeyboardInterrupt like Ctrl-C, so that started processes are stopped. Nodes set their own handlers.
     for number in (signal.SIGINT, signal.SIGTERM):
         if signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, signal.default_int_handler)
@@ -104,7 +104,7 @@ def main(args: list[str] | None = None) -> int:
         print("diffbot: interrupted", file=sys.stderr)
         return 130
     except BrokenPipeError:
-        # Python flushes the output once more when it exits.
+        # Python flushes the output again when it exits.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return BROKEN_PIPE
 
@@ -133,9 +133,9 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _add_examples(parser: argparse.ArgumentParser, words: tuple[str, ...] = ()) -> None:
-    """Put the examples into the help of every command below ``parser``."""
-    below = [one.choices for one in parser._actions if isinstance(one, argparse._SubParsersAction)]
-    for name, command in (pair for choices in below for pair in choices.items()):
+    """Add the examples to the help of every command below ``parser``, which has these ``words``."""
+    commands = [one.choices for one in parser._actions if isinstance(one, argparse._SubParsersAction)]
+    for name, command in (item for choices in commands for item in choices.items()):
         here = (*words, name)
         if examples := EXAMPLES.get(" ".join(here)):
             text = "\n  diffbot ".join(("examples:", *examples))
@@ -146,7 +146,7 @@ def _add_examples(parser: argparse.ArgumentParser, words: tuple[str, ...] = ()) 
 
 
 def _complete(parser: argparse.ArgumentParser) -> None:
-    """Answer the shell that asks for completions, and end; return if argcomplete is not installed."""
+    """Print the completions that the shell requests and exit; return if argcomplete is not installed."""
     with contextlib.suppress(ImportError):
         import argcomplete  # noqa: PLC0415
 
@@ -154,31 +154,37 @@ def _complete(parser: argparse.ArgumentParser) -> None:
 
 
 def _further_commands() -> Iterator[Callable[[Any], None]]:
-    """Yield the functions that add the commands of other packages; one that cannot be imported is reported."""
+    """Yield the functions that add the commands of other packages; report functions that cannot be imported."""
     for one in entry_points_by_name(COMMANDS).values():
         try:
             yield one.load()
-        except Exception as error:  # whatever it is, the other commands work
+        except Exception as error:  # an import can raise anything; the other commands work
             cause = " ".join(f"{type(error).__name__}: {error}".split())
-            print(f"diffbot: no command {one.name}, {one.value} cannot be imported ({cause})", file=sys.stderr)
+            print(f"diffbot: the command {one.name} is missing: cannot import {one.value} ({cause})", file=sys.stderr)
 
 
 def _add_demo(commands: Any) -> None:
-    demo = commands.add_parser("demo", help="drive to three goals with the whole graph, record and evaluate the run")
+    demo = commands.add_parser("demo", help="run the whole graph: drive to three goals, record and evaluate the run")
     demo.add_argument("--out", type=Path, default=Path("out/demo"), help="output folder (default: %(default)s)")
     demo.add_argument("--seed", type=whole(0, MAX_SEED), default=1, help="seed of all noise (default: %(default)s)")
-    demo.add_argument("--real-time", action="store_true", help="run in real time, for watching")
+    demo.add_argument("--real-time", action="store_true", help="run in real time instead of lock-step")
     demo.add_argument("--overwrite", action="store_true", help="replace the bag of an earlier run")
-    demo.add_argument("--domain", type=whole(0, 232), help="ROS_DOMAIN_ID, to observe the graph (default: a free one)")
-    demo.add_argument("--preset", choices=tuple(PRESETS), default=TUNED, help="controller (default: %(default)s)")
-    demo.add_argument("--watch", action="store_true", help="in real time, on a page in the browser, until Ctrl-C")
+    demo.add_argument(
+        "--domain", type=whole(0, MAX_DOMAIN), help="ROS_DOMAIN_ID, to observe the graph (default: a free one)"
+    )
+    demo.add_argument(
+        "--preset", choices=tuple(PRESETS), default=TUNED, help="preset of the controller (default: %(default)s)"
+    )
+    demo.add_argument(
+        "--watch", action="store_true", help="show the run on a page in the browser, in real time, until Ctrl-C"
+    )
     demo.set_defaults(call=_demo)
 
 
 def _add_replay(commands: Any) -> None:
     replay = commands.add_parser("replay", help="republish a bag, as ros2 bag play does")
     replay.add_argument(
-        "bag", type=Path, nargs="+", help="folder of a bag, or an .mcap file; several are merged by time"
+        "bag", type=Path, nargs="+", help="folder of a bag, or an .mcap file; several bags are merged by time"
     )
     add_flags(replay, ReplayConfig, without=("uri", "bags"))
     replay.add_argument("--ros-args", dest="ros_args", nargs=argparse.REMAINDER, default=[], help="remappings ...")
@@ -196,7 +202,7 @@ def _add_refilter(commands: Any) -> None:
 
 
 def _add_calibrate(commands: Any) -> None:
-    calibrate = commands.add_parser("calibrate", help="find the parameters of a robot from drives recorded with it")
+    calibrate = commands.add_parser("calibrate", help="estimate the parameters of a robot from recorded drives")
     calibrate.add_argument("bags", type=Path, nargs="+", metavar="BAG", help="folder of a bag, or an .mcap file")
     calibrate.add_argument(
         "--params", type=Path, help="ROS parameter file (default: ekf.yaml in the folder of the first bag)"
@@ -222,15 +228,8 @@ def _remapping(text: str) -> tuple[str, str]:
 
     name, found, topic = text.partition(":=")
     if not found or not topic or name.lstrip("/") not in INPUTS:
-        raise argparse.ArgumentTypeError(f"{text!r}: must be NAME:=TOPIC with a NAME of {', '.join(INPUTS)}")
+        raise argparse.ArgumentTypeError(f"{text!r}: must be NAME:=TOPIC, and NAME one of {', '.join(INPUTS)}")
     return name.lstrip("/"), topic
-
-
-def _remap(options: argparse.Namespace) -> dict[str, str]:
-    remap = dict(options.remap)
-    if len(remap) < len(options.remap):
-        raise DiffbotError("--remap: each name can be given once")
-    return remap
 
 
 def _demo(options: argparse.Namespace) -> int:
@@ -243,7 +242,7 @@ def _replay(options: argparse.Namespace) -> int:
     given = {name: value for name, value in vars(options).items() if name in to_dict(ReplayConfig())}
     first, *more = map(str, options.bag)
     given |= {"uri": first, "bags": more}
-    build(ReplayConfig, given)  # refuses a bad value by the flag's name
+    build(ReplayConfig, given)  # an error names the flag
     end_on_signals(0)
     node = importlib.import_module(NODES["replay"].module)
     return int(node.main(["--ros-args", *ros_parameters(given), *options.ros_args]))
@@ -252,13 +251,15 @@ def _replay(options: argparse.Namespace) -> int:
 def _refilter(options: argparse.Namespace) -> int:
     from diffbot_tools import refilter  # noqa: PLC0415
 
-    return refilter.run(options.bag, options.params, options.out, options.compare, _remap(options))
+    return refilter.run(options.bag, options.params, options.out, options.compare, once("--remap", options.remap))
 
 
 def _calibrate(options: argparse.Namespace) -> int:
     from diffbot_tools.calibration import command as calibration_command  # noqa: PLC0415
 
-    return calibration_command.run(options.bags, options.params, options.out, options.until, _remap(options))
+    return calibration_command.run(
+        options.bags, options.params, options.out, options.until, once("--remap", options.remap)
+    )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""``diffbot demo``: run the graph as separate processes, drive to three goals, record and evaluate the run."""
+"""The command ``diffbot demo``: run the graph as processes, drive to three goals, record and evaluate the run."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import os
 import shutil
 import subprocess
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,7 +20,7 @@ from diffbot_control.goals.record import REACHED
 from diffbot_control.law.goal_checker import GoalTolerance
 from diffbot_control.law.presets import PRESETS, TUNED
 from diffbot_core.errors import DiffbotError
-from diffbot_core.files import is_bag_folder, write_json
+from diffbot_core.files import is_bag_folder, output_folder, write_json
 from diffbot_core.geometry import Pose
 from diffbot_tools.plotting import BLUE, GREEN, GREY, ORANGE, RED, new_figure, save
 from diffbot_tools.processes import NodeProcesses, PrivateDomain, graph_environment
@@ -29,7 +29,7 @@ from diffbot_tools.view.report_command import write_report
 from diffbot_tools.view.results import GoalOutcome, is_reached
 
 GOALS = (Pose(0.0, 0.0, 0.0), Pose(3.0, 2.0, math.pi / 2), Pose(1.0, -2.0, math.pi))
-"""The goal of the paper's simulation A, then two others. The last goal lies behind the robot."""
+"""The goal of the paper's simulation A, then two more. The last goal is behind the robot."""
 RECORDED_TOPICS = (
     "cmd_vel",
     "controller/goal_results",
@@ -44,27 +44,28 @@ RECORDED_TOPICS = (
     "odometry/filtered",
     "pose",
 )
-_KEPT = 1000
-"""messages that each publisher keeps for a recorder that is held up; a drive has fewer messages of one topic"""
+_DEPTH = 1000
+"""number of messages that a publisher keeps for a delayed recorder; a drive has fewer messages of one topic"""
 _READY_TIMEOUT = 150.0
-"""[s] a busy machine starts six processes slowly; a process that ends is noticed at once"""
+"""[s] time for all nodes to start; a busy computer is slow, and a node that ends is detected at once"""
 _QUIET = 0.5
-"""[s] for which the graph must be complete: the two ends of a connection discover each other at different times"""
+"""[s] time for which the graph must be complete: publisher and subscriber discover each other at different times"""
 _PAUSE_TIMEOUT = 30.0
-"""[s] for the plant to answer"""
+"""[s] time for the plant to answer"""
 _BAR = "{desc:<28}{percentage:3.0f}%|{bar}| {elapsed}"
 _RESULTS = ("summary.json", "path.png", "report.html")
+"""Files that are written beside the bag."""
 _STYLES: dict[str, dict[str, Any]] = {
     "fixes": {"label": "fixes (global_pose)", "color": GREY, "marker": ".", "markersize": 2.5, "linestyle": ""},
     "odometry": {"label": "odometry alone", "color": ORANGE, "linestyle": "--", "linewidth": 1.2},
     "truth": {"label": "truth", "color": BLUE, "linewidth": 2.6},
     "estimate": {"label": "estimate (EKF)", "color": RED, "linewidth": 0.9},
 }
-"""Curves of a BagRobot, in the order of drawing."""
+"""Styles of the curves of a BagRobot, in the order of drawing."""
 
 
 class DemoOptions(NamedTuple):
-    """Flags of the command."""
+    """Options of the command."""
 
     out: Path
     seed: int = 1
@@ -73,9 +74,9 @@ class DemoOptions(NamedTuple):
     domain: int | None = None
     """ROS_DOMAIN_ID; None: a private domain"""
     preset: str = TUNED
-    """of the controller"""
+    """preset of the controller"""
     watch: bool = False
-    """run in real time, show the page, and go on until an interrupt"""
+    """run in real time, show the page, and keep running until an interrupt"""
 
     @property
     def clock(self) -> str:
@@ -84,7 +85,7 @@ class DemoOptions(NamedTuple):
 
     @property
     def tolerance(self) -> GoalTolerance:
-        """Tolerances of the preset, within which the true poses must be at the answers."""
+        """Tolerances of the preset, which the true poses must meet when the goals are answered."""
         tolerance: GoalTolerance = PRESETS[self.preset].config.tolerance
         return tolerance
 
@@ -93,13 +94,15 @@ def run_demo(options: DemoOptions) -> int:
     """Run the demonstration, print a table, and write bag, summary.json, path.png and report.html to ``options.out``.
 
     Returns:
-        0, or 1 after printing the reason if a goal was not reached within the tolerances.
+        Exit status: 0, or 1 if a goal was not reached within the tolerances, after printing the reason.
 
     Raises:
         DiffbotError: if the output folder is in use or a node fails.
     """
-    folder = _output_folder(options)
     began = time.monotonic()
+    with output_folder(options.out) as folder:
+        make_room_for_bag(folder / "bag", options.overwrite)
+        (folder / "log").mkdir(exist_ok=True)
     with contextlib.ExitStack() as stack:
         domain = options.domain
         if domain is None:
@@ -107,55 +110,50 @@ def run_demo(options: DemoOptions) -> int:
             stack.callback(private.release)
             domain = private.id
         print(f"Graph on ROS_DOMAIN_ID {domain} (localhost), clock {options.clock}, seed {options.seed}")
-        # The client leaves after the nodes: with its end, the messages that a late reader still needs are lost.
+        # The client is closed after the nodes: closing it drops messages that a slow reader has not received yet.
         client = stack.enter_context(_goal_client(domain))
         nodes = stack.enter_context(NodeProcesses(domain, folder / "log"))
         _start_nodes(options, folder, nodes)
-        _drive(client, nodes, pause_at_end=not options.watch)
-        # The recorder stops last: it records the final messages of the others.
+        graph = _Graph(client, nodes)
+        graph.drive(GOALS)
+        if not options.watch:
+            graph.pause(True)
+        # The recorder stops last, so that it records the final messages of the other nodes.
         for name in ("recorder",) if options.watch else ("controller", "ekf", "plant", "recorder"):
             if status := nodes.stop(name):
                 raise DiffbotError(f"{name} ended with status {status}: {nodes.last_log_line(name)}")
         status = _evaluate(options, folder, began)
         if options.watch:
-            _stay(nodes)
+            print("Draw goals on the page; the robot drives to them. Ctrl-C ends the demonstration.", flush=True)
+            with contextlib.suppress(KeyboardInterrupt):
+                while True:
+                    time.sleep(0.2)
+                    graph.check_nodes()
     return status
 
 
-def _output_folder(options: DemoOptions) -> Path:
-    folder = options.out
-    try:
-        make_room_for_bag(folder / "bag", options.overwrite)
-        (folder / "log").mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise DiffbotError(f"cannot write to {folder}: {error.strerror}") from None
-    if not os.access(folder, os.W_OK):
-        raise DiffbotError(f"cannot write to {folder}")
-    return folder
-
-
 def make_room_for_bag(bag: Path, overwrite: bool) -> None:
-    """Remove the bag of an earlier run and its results, if ``overwrite`` allows it.
+    """Remove the bag of an earlier run and its results if ``overwrite`` is set.
 
     Raises:
-        DiffbotError: if a bag exists and must not be replaced, or something else has its name.
+        DiffbotError: if the bag exists and ``overwrite`` is not set, or the folder is not a bag.
     """
     if not bag.exists():
         return
     if not overwrite:
-        raise DiffbotError(f"{bag} exists: choose another folder with --out, or replace it with --overwrite")
+        raise DiffbotError(f"{bag} already exists: choose another folder with --out, or replace it with --overwrite")
     if not is_bag_folder(bag):
-        raise DiffbotError(f"{bag} exists and is not a bag: not replaced")
+        raise DiffbotError(f"{bag} already exists and is not a bag: choose another folder with --out")
     shutil.rmtree(bag)
-    for result in _RESULTS:  # of the earlier run: misleading if the new one is interrupted
+    for result in _RESULTS:  # old results would be misleading if the new run is interrupted
         (bag.parent / result).unlink(missing_ok=True)
 
 
 @contextlib.contextmanager
 def _goal_client(domain: int) -> Iterator[Any]:
-    """Join the graph of the domain in this process, and leave it in bounded time."""
+    """Yield a goal client on the domain, and close it within a bounded time."""
     os.environ.update(graph_environment(domain))
-    # The middleware reads the environment when it is loaded. By name: the command line can be imported without ROS.
+    # The middleware reads the environment when it is imported, and the command line must start without ROS.
     client = import_module("diffbot_control.ros.goals.client").GoalClient.in_own_context(node_name="demo")
     run = import_module("diffbot_core.ros.run")
     status = 1
@@ -168,116 +166,115 @@ def _goal_client(domain: int) -> Iterator[Any]:
 
 
 def _start_nodes(options: DemoOptions, folder: Path, nodes: NodeProcesses) -> None:
-    in_step = options.clock == "lockstep"
-    time_source = {"use_sim_time": in_step}
-    kept = {f"qos_overrides./{topic}.publisher.depth": _KEPT for topic in (*RECORDED_TOPICS, "clock")}
-    follower = {"reliable_inputs": in_step, **time_source, **kept}
+    is_lockstep = options.clock == "lockstep"
+    time_source = {"use_sim_time": is_lockstep}
+    depths = {f"qos_overrides./{topic}.publisher.depth": _DEPTH for topic in (*RECORDED_TOPICS, "clock")}
+    common = {"reliable_inputs": is_lockstep, **time_source, **depths}
     uri = str((folder / "bag").resolve())
     nodes.start("recorder", "diffbot_bag.recorder_node", {"uri": uri, "topics": list(RECORDED_TOPICS), **time_source})
     plant = {"clock": options.clock, "seed": options.seed, "start_paused": True, "cmd_vel_type": "twist_stamped"}
-    nodes.start("plant", "diffbot_sim.plant_node", {**plant, **kept})
-    nodes.start("ekf", "diffbot_control.ekf_node", follower)
+    nodes.start("plant", "diffbot_sim.plant_node", {**plant, **depths})
+    nodes.start("ekf", "diffbot_control.ekf_node", common)
     controller = {"publish_when_idle": True, "preset": options.preset, "cmd_vel_type": "twist_stamped"}
-    nodes.start("controller", "diffbot_control.controller_node", {**controller, **follower})
+    nodes.start("controller", "diffbot_control.controller_node", {**controller, **common})
     if options.watch:
         page = {"port": 0, "open_browser": True, "record_folder": str((folder / "recorded").resolve())}
         watch = nodes.start("watch", "diffbot_tools.watch.watch_node", page, stdout=subprocess.PIPE)
         print((watch.stdout.readline() if watch.stdout else "").strip() or nodes.last_log_line("watch"), flush=True)
 
 
-def _drive(client: Any, nodes: NodeProcesses, pause_at_end: bool) -> None:
-    """Drive to the goals one after the other; stop at the first one that is not reached.
+class _Graph:
+    """The goal client and the nodes of the demonstration."""
 
-    The first goal is sent before the plant's first step, so that a lock-step run is repeatable up to its answer.
+    def __init__(self, client: Any, nodes: NodeProcesses) -> None:
+        """Prepare to pause the plant."""
+        self._client, self._nodes = client, nodes
+        self._pause_type = import_module("std_srvs.srv").SetBool
+        self._pause = client.create_client(self._pause_type, "plant/pause")
 
-    Raises:
-        DiffbotError: if a node ends, or the graph is not ready in time.
-    """
+    def check_nodes(self) -> None:
+        """Check that all nodes are running.
 
-    def wait_until(condition: Callable[[], Any], timeout: float) -> bool:
+        Raises:
+            DiffbotError: naming a node that has ended.
+        """
+        if failure := self._nodes.failed():
+            raise DiffbotError(failure)
+
+    def _wait_until(self, condition: Callable[[], Any], timeout: float) -> bool:
         def is_over() -> bool:
-            if failure := nodes.failed():
-                raise DiffbotError(failure)
+            self.check_nodes()
             return bool(condition())
 
-        return bool(client.spin_until(is_over, timeout))
+        return bool(self._client.spin_until(is_over, timeout))
 
-    with tqdm(total=100.0, desc="starting", bar_format=_BAR, disable=None) as bar:
-        pause = _wait_for_graph(client, wait_until)
-        for number, goal in enumerate(GOALS):
-            task = client.send_goal([goal], timeout=_READY_TIMEOUT)
-            if number == 0:
-                pause(False)
-            bar.set_description_str(f"goal {number + 1} of {len(GOALS)}", refresh=False)
-            longest = 0.0
-            while not client.wait_for_end(0.1):
-                wait_until(lambda: True, 0.0)
-                if task.feedback is not None:
-                    longest = max(longest, task.feedback.distance_remaining)
-                    share = 1.0 - task.feedback.distance_remaining / longest if longest else 0.0
-                    bar.n = 100.0 * (number + share) / len(GOALS)
-                    bar.refresh()
-            if task.end != REACHED:
-                break
-        if pause_at_end:
-            pause(True)
+    def pause(self, paused: bool) -> None:
+        """Pause the plant, or let it run.
 
-
-def _wait_for_graph(client: Any, wait_until: Callable[[Callable[[], Any], float], bool]) -> Callable[[bool], None]:
-    """Wait until the nodes are connected and the recorder records everything; return how to pause the plant.
-
-    Raises:
-        DiffbotError: if a node ends, or the graph is not ready in time.
-    """
-    status_type = import_module("diagnostic_msgs.msg").DiagnosticStatus
-    set_bool = import_module("std_srvs.srv").SetBool
-    latched = import_module("diffbot_core.ros.qos").LATCHED
-    missing = {client.resolve_topic_name(topic) for topic in RECORDED_TOPICS}
-    filters: list[Any] = []
-    service = client.create_client(set_bool, "plant/pause")
-    ready_since = math.inf
-
-    def on_recorder(status: Any) -> None:
-        missing.difference_update(*(pair.value.split() for pair in status.values if pair.key == "topics"))
-
-    def is_ready() -> bool:
-        nonlocal ready_since
-        is_complete = (
-            not missing
-            and filters
-            and client.is_ready()
-            and client.count_subscribers("goal_pose") >= 2
-            and service.service_is_ready()
-        )
-        ready_since = min(ready_since, time.monotonic()) if is_complete else math.inf
-        return time.monotonic() - ready_since >= _QUIET
-
-    client.create_subscription(status_type, "recorder/status", on_recorder, latched)
-    client.create_subscription(status_type, "ekf/status", filters.append, latched)
-    if not wait_until(is_ready, _READY_TIMEOUT):
-        names = ", ".join(sorted(missing)) or "every topic is recorded"
-        raise DiffbotError(f"the graph was not ready after {_READY_TIMEOUT:.0f} s; not recorded yet: {names}")
-
-    def pause(paused: bool) -> None:
-        future = service.call_async(set_bool.Request(data=paused))
-        if not wait_until(future.done, _PAUSE_TIMEOUT):
+        Raises:
+            DiffbotError: if a node ends, or the plant does not answer.
+        """
+        future = self._pause.call_async(self._pause_type.Request(data=paused))
+        if not self._wait_until(future.done, _PAUSE_TIMEOUT):
             raise DiffbotError(f"the plant did not answer within {_PAUSE_TIMEOUT:.0f} s")
 
-    return pause
+    def drive(self, goals: Sequence[Pose]) -> None:
+        """Drive to the goals one after the other; stop at the first one that is not reached.
 
+        The first goal is sent before the plant's first step, so that a lock-step run is repeatable up to its answer.
 
-def _stay(nodes: NodeProcesses) -> None:
-    """Keep robot and page running until an interrupt.
+        Raises:
+            DiffbotError: if a node ends, or the graph is not ready in time.
+        """
+        with tqdm(total=100.0, desc="starting", bar_format=_BAR, disable=None) as bar:
+            self._wait_until_ready()
+            for number, goal in enumerate(goals):
+                task = self._client.send_goal([goal], timeout=_READY_TIMEOUT)
+                if number == 0:
+                    self.pause(False)
+                bar.set_description_str(f"goal {number + 1} of {len(goals)}", refresh=False)
+                longest = 0.0
+                while not self._client.wait_for_end(0.1):
+                    self.check_nodes()
+                    if task.feedback is not None:
+                        longest = max(longest, task.feedback.distance_remaining)
+                        share = 1.0 - task.feedback.distance_remaining / longest if longest else 0.0
+                        bar.n = 100.0 * (number + share) / len(goals)
+                        bar.refresh()
+                if task.end != REACHED:
+                    return
 
-    Raises:
-        DiffbotError: if a node ends.
-    """
-    print("The robot is yours: draw goals on the page. Ctrl-C ends it.", flush=True)
-    with contextlib.suppress(KeyboardInterrupt):
-        while True:
-            time.sleep(0.2)
-            if failure := nodes.failed():
-                raise DiffbotError(failure)
+    def _wait_until_ready(self) -> None:
+        """Wait until the nodes are connected and the recorder records all topics."""
+        client = self._client
+        status_type = import_module("diagnostic_msgs.msg").DiagnosticStatus
+        latched = import_module("diffbot_core.ros.qos").LATCHED
+        missing = {client.resolve_topic_name(topic) for topic in RECORDED_TOPICS}
+        filter_states: list[Any] = []
+        ready_since = math.inf
+
+        def on_recorder(status: Any) -> None:
+            missing.difference_update(*(pair.value.split() for pair in status.values if pair.key == "topics"))
+
+        def is_ready() -> bool:
+            nonlocal ready_since
+            is_complete = (
+                not missing
+                and filter_states
+                and client.is_ready()
+                and client.count_subscribers("goal_pose") >= 2
+                and self._pause.service_is_ready()
+            )
+            ready_since = min(ready_since, time.monotonic()) if is_complete else math.inf
+            return time.monotonic() - ready_since >= _QUIET
+
+        client.create_subscription(status_type, "recorder/status", on_recorder, latched)
+        client.create_subscription(status_type, "ekf/status", filter_states.append, latched)
+        if not self._wait_until(is_ready, _READY_TIMEOUT):
+            topics = ", ".join(sorted(missing)) or "none"
+            raise DiffbotError(
+                f"the graph was not ready after {_READY_TIMEOUT:.0f} s; topics that are not recorded yet: {topics}"
+            )
 
 
 def _evaluate(options: DemoOptions, folder: Path, began: float) -> int:
@@ -287,7 +284,7 @@ def _evaluate(options: DemoOptions, folder: Path, began: float) -> int:
     reason = _reason(robot.outcomes, options)
     wall = time.monotonic() - began
     write_json(folder / "summary.json", _summary(options, run, reason, wall), indent=2)
-    draw_run(robot, f"diffbot demo: preset {options.preset}, EKF in the loop", folder / "path.png")
+    _draw_run(robot, f"diffbot demo: preset {options.preset}, EKF in the loop", folder / "path.png")
     print(_table(robot.outcomes))
     print(f"{run.messages} messages recorded, {run.lost or 0} lost; {_duration(robot):.1f} s simulated in {wall:.1f} s")
     write_report(folder / "bag", folder / "report.html")
@@ -303,14 +300,14 @@ def _duration(robot: BagRobot) -> float:
 
 
 def _reason(outcomes: list[GoalOutcome], options: DemoOptions) -> str:
-    """Return why the demonstration failed; empty if it did not."""
+    """Return why the demonstration failed; empty if it succeeded."""
     xy, yaw = options.tolerance.xy_goal_tolerance, options.tolerance.yaw_goal_tolerance
     for number, one in enumerate(outcomes, 1):
         if not is_reached(one, PRESETS[options.preset].config):
             end = f"{one.end or 'not answered'}{f' ({one.reason})' if one.reason else ''}"
             off = f"{one.position_error:.3f} m and {one.heading_error:.3f} rad off, tolerance {xy} m and {yaw} rad"
             return f"goal {number} {end}: {off}"
-    return "" if len(outcomes) == len(GOALS) else f"only {len(outcomes)} of {len(GOALS)} goals were driven to"
+    return "" if len(outcomes) == len(GOALS) else f"only {len(outcomes)} of {len(GOALS)} goals were sent"
 
 
 def _table(outcomes: list[GoalOutcome]) -> str:
@@ -348,19 +345,15 @@ def _summary(options: DemoOptions, run: BagRun, reason: str, wall: float) -> dic
     }
 
 
-def draw_run(robot: BagRobot, title: str, path: Path) -> None:
-    """Draw truth, estimate, odometry, fixes and goals of a robot of a bag as a PNG.
-
-    Raises:
-        OSError: if the file cannot be written.
-    """
+def _draw_run(robot: BagRobot, title: str, path: Path) -> None:
+    """Draw truth, estimate, odometry, fixes and goals of a robot as a PNG."""
     figure, axes = new_figure(1, (8.0, 6.7))
-    shown = {name: robot.curves[name] for name in _STYLES if name in robot.curves}
-    for name, curve in shown.items():
-        axes.plot(curve["x"], curve["y"], **_STYLES[name])
-    main = shown["truth"]
-    span = max(float(np.ptp(main["x"])), float(np.ptp(main["y"])), 1.0)
-    poses = [("start", Pose(*(float(main[name][0]) for name in ("x", "y", "theta"))))]
+    for name, style in _STYLES.items():
+        if name in robot.curves:
+            axes.plot(robot.curves[name]["x"], robot.curves[name]["y"], **style)
+    truth = robot.curves["truth"]
+    span = max(float(np.ptp(truth["x"])), float(np.ptp(truth["y"])), 1.0)
+    poses = [("start", Pose(*(float(truth[name][0]) for name in ("x", "y", "theta"))))]
     poses += [(f"goal {number}", one.goal) for number, one in enumerate(robot.outcomes, 1)]
     for text, pose in poses:
         colour = BLUE if text == "start" else GREEN

@@ -31,41 +31,43 @@ ENDS = {
     goal_record.REFUSED: 1,
     "lost": 7,
 }
-"""Exit status of each end; 1 is an error such as a refused goal, 2 wrong usage."""
+"""Exit status for each end of a goal. 1 is also the status of any other error, 2 of wrong usage."""
 TIMED_OUT, INTERRUPTED = 8, 130
 DISCOVERY_TIMEOUT = 120.0
-"""[s] within which the controller has to answer: it may just be starting, on a small or busy computer"""
-_PATIENCE = 3.0
-"""[s] without a controller after which the command reports that it waits for one"""
-_MAX_DOMAIN = 232
+"""[s] time for a controller to answer, which may just be starting on a slow computer"""
+_REPORT_PERIOD = 3.0
+"""[s] time without a controller after which the command reports that it is waiting"""
+MAX_DOMAIN = 232
+"""largest ROS_DOMAIN_ID"""
 _CANCEL_TIMEOUT, _LAST_TIMEOUT = 5.0, 1.0
-"""[s] for a cancellation, and for the cancellation of a goal that was never answered"""
+"""[s] time for a cancellation, and for the cancellation of a goal that the controller has not accepted"""
 _DISTANCE = 0.7
-"""[m] of the staging pose from the docked pose, the default of the law"""
+"""[m] distance of the staging pose from the docked pose, the default of the docking law"""
 _NEGATIVE = re.compile(r"-(\d+|\d*\.\d+)(deg)?")
 _POSITION = number_between(-MAX_COORDINATE, MAX_COORDINATE)
 
 
 class GoalOptions(NamedTuple):
-    """A goal, and the controller that it is for."""
+    """A goal, and the controller that receives it."""
 
     pose: Pose
     frame: str = "map"
     namespace: str = ""
     controller: str = "controller"
     timeout: float = math.inf
-    """[s] from the acceptance"""
+    """[s] time from the acceptance until the goal is cancelled"""
     restart_timeout: float = goal_record.RESTART_TIMEOUT
-    """[s] for which the controller may be away"""
+    """[s] time without a sign of life after which the controller counts as gone"""
     wait: bool = True
+    """wait for the end of the goal"""
     prefix: str = ""
-    """of the topic goal_pose"""
+    """prefix of the topic goal_pose"""
 
 
 def add_drive(commands: Any) -> None:
     """Add ``diffbot goal``, ``dock`` and ``undock`` to the subparsers of the command line."""
     for command in (_add_goal(commands), *_add_docking(commands)):
-        # Else argparse takes -90deg for a flag.
+        # Without this, argparse parses -90deg as a flag.
         command._negative_number_matcher = _NEGATIVE
         command.add_argument(
             "--timeout", type=duration, default=math.inf, metavar="S", help="cancel S seconds after the acceptance"
@@ -78,17 +80,19 @@ def _add_goal(commands: Any) -> argparse.ArgumentParser:
         "goal",
         help="drive to a goal pose and report how it ended",
         epilog="exit status: 0 reached (or accepted, with --no-wait), 1 error or refused, 2 usage, 3 not reached, "
-        "4 replaced by another goal, 5 cancelled by others, 6 pose lost, 7 controller gone or restarted, 8 timeout, "
-        "130 interrupted",
+        "4 replaced by another goal, 5 cancelled by another client, 6 pose lost, 7 controller gone or restarted, "
+        "8 timeout, 130 interrupted",
     )
     goal.add_argument("x", type=_POSITION, help="position [m]")
     goal.add_argument("y", type=_POSITION, help="position [m]")
     goal.add_argument("yaw", type=angle, help="heading [rad], or in degrees as 90deg")
     goal.add_argument("--frame", default="map", help="frame of the goal (default: %(default)s)")
     goal.add_argument(
-        "--wait", action=argparse.BooleanOptionalAction, default=True, help="wait for the end (default: --wait)"
+        "--wait", action=argparse.BooleanOptionalAction, default=True, help="wait for the end of the goal"
     )
-    goal.add_argument("--controller", default="controller", metavar="NAME", help="its node (default: %(default)s)")
+    goal.add_argument(
+        "--controller", default="controller", metavar="NAME", help="node that drives (default: %(default)s)"
+    )
     goal.add_argument(
         "--restart-timeout",
         type=duration,
@@ -101,15 +105,15 @@ def _add_goal(commands: Any) -> argparse.ArgumentParser:
 
 
 def _add_docking(commands: Any) -> tuple[argparse.ArgumentParser, argparse.ArgumentParser]:
-    epilog = "exit status: as of diffbot goal"
-    dock = commands.add_parser("dock", help="dock at a detected dock, and report how it ended", epilog=epilog)
+    epilog = "The exit status is the same as of diffbot goal."
+    dock = commands.add_parser("dock", help="drive into a detected dock, and report how it ended", epilog=epilog)
     dock.add_argument(
         "pose",
         nargs="*",
         metavar="X Y YAW",
-        help="pose of the docked robot in the map [m, m, rad]: drive to the staging pose before the dock first",
+        help="pose of the docked robot in the map [m, m, rad]; if given, drive to the staging pose first",
     )
-    dock.add_argument("--frame", default="map", help="frame of that pose (default: %(default)s)")
+    dock.add_argument("--frame", default="map", help="frame of this pose (default: %(default)s)")
     dock.add_argument("--controller", default="controller", metavar="NAME", help="node that drives to the staging pose")
     dock.set_defaults(call=_dock)
     undock = commands.add_parser("undock", help="drive out of the dock along its axis", epilog=epilog)
@@ -120,11 +124,14 @@ def _add_docking(commands: Any) -> tuple[argparse.ArgumentParser, argparse.Argum
             type=number_between(0.05, 100.0),
             default=_DISTANCE,
             metavar="M",
-            help="of the pose on the axis before the dock [m] (default: %(default)g)",
+            help="distance of the staging pose from the dock [m] (default: %(default)g)",
         )
-        command.add_argument("--backward", action="store_true", help="the back of the robot docks (dock_backward)")
+        command.add_argument("--backward", action="store_true", help="the robot docks with its back (dock_backward)")
         command.add_argument(
-            "--docking-controller", default="dock_controller", metavar="NAME", help="its node (default: %(default)s)"
+            "--docking-controller",
+            default="dock_controller",
+            metavar="NAME",
+            help="node that docks (default: %(default)s)",
         )
     return dock, undock
 
@@ -135,12 +142,12 @@ def _goal(options: argparse.Namespace) -> int:
 
 
 def _dock(options: argparse.Namespace) -> int:
-    """Drive to the staging pose, if the pose of the dock is given, and dock; return the exit status."""
+    """Dock, after a drive to the staging pose if the pose of the dock is given; return the exit status."""
     if options.pose:
         words = " ".join(options.pose)
         try:
-            kinds = zip((_POSITION, _POSITION, angle), options.pose, strict=True)
-            pose = Pose(*(kind(text) for kind, text in kinds))
+            types = zip((_POSITION, _POSITION, angle), options.pose, strict=True)
+            pose = Pose(*(convert(text) for convert, text in types))
         except (ValueError, argparse.ArgumentTypeError) as error:
             reason = "three numbers, or none" if len(options.pose) != 3 else str(error)
             raise InvalidValueError("X Y YAW", words, reason) from None
@@ -148,14 +155,14 @@ def _dock(options: argparse.Namespace) -> int:
         names = options.frame, options.namespace, options.controller
         if status := drive(GoalOptions(staging, *names, timeout=options.timeout)):
             return status
-    return _in_dock(options, Pose(0.0, 0.0, 0.0))
+    return _drive_in_dock_frame(options, Pose(0.0, 0.0, 0.0))
 
 
 def _undock(options: argparse.Namespace) -> int:
-    return _in_dock(options, pose_on_axis(options.distance, options.backward))
+    return _drive_in_dock_frame(options, pose_on_axis(options.distance, options.backward))
 
 
-def _in_dock(options: argparse.Namespace, pose: Pose) -> int:
+def _drive_in_dock_frame(options: argparse.Namespace, pose: Pose) -> int:
     names = "dock", options.namespace, options.docking_controller
     return drive(GoalOptions(pose, *names, timeout=options.timeout, prefix="dock/"))
 
@@ -164,28 +171,31 @@ def drive(options: GoalOptions) -> int:
     """Drive to the goal; return the exit status.
 
     Raises:
-        DiffbotError: in one line, if no controller is found or it refuses the goal.
+        DiffbotError: in one line, if no controller is found, or the controller refuses the goal.
     """
     if not options.controller:
         raise InvalidValueError("--controller", options.controller, "the name of a node")
-    # ROS is not imported by the command line: it starts without it.
+    # By name: the command line must start without ROS.
     client_type = importlib.import_module("diffbot_control.ros.goals.client").GoalClient
-    stop = _Stop()
+    # A signal must not interrupt a call of ROS, since the goal has to be cancelled first.
+    signals: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda received, _frame: signals.append(received))
     names = {name: getattr(options, name) for name in ("namespace", "controller", "frame", "restart_timeout", "prefix")}
     try:
         client = client_type.in_own_context(**names)
-    except Exception as error:  # rclpy raises several types for names that no node can have
+    except Exception as error:  # rclpy raises several types for invalid names
         reason = " ".join(str(error).split())
         raise DiffbotError(f"namespace {options.namespace!r}, controller {options.controller!r}: {reason}") from None
-    client.is_stopped = lambda: stop.is_set
+    client.is_stopped = lambda: bool(signals)
     try:
         _send(client, options)
         if options.wait:
-            return _follow(client, options, stop)
+            return _follow(client, options)
         print(f"goal {client.task.id} accepted")
         return 0
     except DiffbotError:
-        if stop.is_set:
+        if signals:
             return _cancel(client, "interrupted", INTERRUPTED)
         if client.task.is_sent:
             client.cancel(_LAST_TIMEOUT)
@@ -194,63 +204,50 @@ def drive(options: GoalOptions) -> int:
         client.close()
 
 
-class _Stop:
-    """Set by SIGINT and SIGTERM: a signal must not interrupt a call of ROS, since the goal is still to be cancelled."""
-
-    def __init__(self) -> None:
-        self.is_set = False
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._on_signal)
-
-    def _on_signal(self, _number: int, _frame: object) -> None:
-        self.is_set = True
-
-
 def _send(client: Any, options: GoalOptions) -> None:
-    """Wait for the controller, send the goal, and return when it is accepted."""
+    """Wait for the controller, send the goal, and wait until it is accepted."""
     deadline = time.monotonic() + min(options.timeout, DISCOVERY_TIMEOUT)
     shown: set[str] = set()
-    while (left := deadline - time.monotonic()) > 0.0 and not client.wait_until_ready(min(_PATIENCE, left)):
+    while (left := deadline - time.monotonic()) > 0.0 and not client.wait_until_ready(min(_REPORT_PERIOD, left)):
         if client.is_stopped():
             break
-        # Discovery may take longer than the first look.
-        for line in _state_of_graph(client.seen_controllers(), options):
+        for line in _reasons_for_waiting(client.seen_controllers(), options):
             if line not in shown:
                 print(line, file=sys.stderr, flush=True)
             shown.add(line)
     client.send_goal([options.pose], timeout=max(deadline - time.monotonic(), 0.0))
 
 
-def _state_of_graph(controllers: list[str], options: GoalOptions) -> list[str]:
-    """Return lines about the controllers that answer instead of the awaited one, and how to reach them."""
+def _reasons_for_waiting(controllers: list[str], options: GoalOptions) -> list[str]:
+    """Return lines that name the awaited controller, and other controllers and domains with how to reach them."""
     own = os.environ.get("ROS_DOMAIN_ID") or "0"
     awaited = "/" + f"{options.namespace.strip('/')}/{options.controller}".lstrip("/")
     lines = [f"waiting for the controller {awaited} on ROS_DOMAIN_ID {own} ..."]
     if not controllers:
-        lines.append("  no robot runs here; to simulate one: diffbot run robot --with plant")
+        lines.append("  no controller runs in this domain; to simulate a robot: diffbot run robot --with plant")
     for name in controllers:
         namespace, _, node = name.rpartition("/")
         flags = f" --namespace {namespace.strip('/')}" * bool(namespace)
         flags += f" --controller {node}" * (node != "controller")
-        lines.append(f"  there is {name}: diffbot goal X Y YAW{flags}")
+        lines.append(f"  {name} is running: diffbot goal X Y YAW{flags}")
     with contextlib.suppress(OSError):  # not Linux
         others = [one for one in used_domains(Path("/proc/net/udp").read_text()) if str(one) != own]
         if others:
-            lines.append(f"  other domains in use on this machine, for ROS_DOMAIN_ID: {', '.join(map(str, others))}")
+            lines.append(f"  other values of ROS_DOMAIN_ID in use on this machine: {', '.join(map(str, others))}")
     return lines
 
 
 def used_domains(table: str) -> list[int]:
-    """Return the ROS domains of which a process has a discovery port (DDSI-RTPS 9.6.1), from /proc/net/udp."""
+    """Return the ROS domains whose discovery ports are open (DDSI-RTPS 9.6.1); ``table`` is /proc/net/udp."""
     ports = {int(line.split()[1].rpartition(":")[2], 16) for line in table.splitlines()[1:]}
-    return [domain for domain in range(_MAX_DOMAIN + 1) if ports & {7400 + 250 * domain, 7410 + 250 * domain}]
+    return [domain for domain in range(MAX_DOMAIN + 1) if ports & {7400 + 250 * domain, 7410 + 250 * domain}]
 
 
-def _follow(client: Any, options: GoalOptions, stop: _Stop) -> int:
-    """Show the progress until the goal has ended; return the exit status."""
+def _follow(client: Any, options: GoalOptions) -> int:
+    """Show the progress until the goal ends, the timeout or a signal; return the exit status."""
     deadline, reported = time.monotonic() + options.timeout, set[str]()
-    form = "{l_bar}{bar}| {n:.2f}/{total:.2f} m{postfix}"
-    with tqdm(total=0.0, bar_format=form, leave=False, disable=None, file=sys.stderr) as bar:
+    bar_format = "{l_bar}{bar}| {n:.2f}/{total:.2f} m{postfix}"
+    with tqdm(total=0.0, bar_format=bar_format, leave=False, disable=None, file=sys.stderr) as bar:
         while not client.wait_for_end(min(0.2, max(deadline - time.monotonic(), 0.0))):
             if client.task.feedback is not None:
                 distance = client.task.feedback.distance_remaining
@@ -260,14 +257,14 @@ def _follow(client: Any, options: GoalOptions, stop: _Stop) -> int:
             if client.problem and client.problem not in reported:
                 bar.write(client.problem, file=sys.stderr)
                 reported.add(client.problem)
-            if stop.is_set or time.monotonic() >= deadline:
+            if client.is_stopped() or time.monotonic() >= deadline:
                 break
     task = client.task
     if task.end:
         after = "" if math.isnan(task.elapsed) else f", {task.elapsed:.1f} s after its acceptance"
         print(f"{task.text}{after}")
         return ENDS[task.end]
-    if stop.is_set:
+    if client.is_stopped():
         return _cancel(client, "interrupted", INTERRUPTED)
     return _cancel(client, f"not reached within --timeout {options.timeout:g} s", TIMED_OUT)
 

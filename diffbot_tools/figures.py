@@ -1,4 +1,4 @@
-"""Figures of a filter's run: errors and NEES against true poses, NIS and whiteness of its innovations."""
+"""Statistics of a run of the filter: errors and NEES against true poses, NIS and whiteness of the innovations."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from diffbot_core.stamps import S_PER_NS
 Array = NDArray[np.float64]
 
 MAX_GAP = 500_000_000
-"""[ns] longest gap between two true poses over which is interpolated"""
+"""[ns] longest gap between two true poses that is interpolated"""
 MAX_VAR_THETA = math.pi**2
-"""[rad^2] largest variance with which a true heading is used"""
+"""[rad^2] largest variance of a true heading that is used"""
 NIS_TOPIC, NIS_LABELS = "/ekf/nis", ("nis", "numbers", "accepted")
-"""Topic of a refiltered bag, a Float64MultiArray with these labels: the NIS of a measurement, how many numbers were
-measured, and 1 if the measurement was accepted."""
+"""Topic of a refiltered bag. It is a Float64MultiArray with these labels: the NIS of a measurement, the number of
+measured quantities, and 1 if the measurement was accepted."""
 
 
 class Trajectory(NamedTuple):
@@ -32,11 +32,11 @@ class Trajectory(NamedTuple):
     stamps: NDArray[np.int64]
     """(n,) [ns], increasing"""
     poses: Array
-    """(n, 3) [m, m, rad], the heading without jumps; nan if it is not known"""
+    """(n, 3) [m, m, rad], the heading unwrapped; nan for an unknown heading"""
 
 
 class Errors(NamedTuple):
-    """Estimates against true poses, at the stamps where a true pose is known."""
+    """Errors of the estimates at the stamps with a true pose."""
 
     time: Array
     """(n,) [s] since the first estimate"""
@@ -48,45 +48,17 @@ class Errors(NamedTuple):
     """(n, 3, 3) covariances of the estimates"""
 
 
-class Figures(NamedTuple):
-    """Summary of the errors of a drive; nan where nothing was measured."""
-
-    seconds: float
-    """duration of the estimates that could be compared"""
-    rmse: float
-    """[m] of the position"""
-    largest: float
-    """[m] of the position"""
-    heading_rmse: float
-    """[rad]"""
-    nees: float
-    """mean; its expectation is :attr:`nees_numbers`"""
-    nees_numbers: int
-    """3, or 2 without a true heading"""
-
-    def __str__(self) -> str:
-        """Return the figures as lines of text."""
-        heading = "not measured" if math.isnan(self.heading_rmse) else f"{self.heading_rmse:.4f} rad"
-        return (
-            f"compared              {self.seconds:.1f} s\n"
-            f"position, RMSE        {self.rmse:.4f} m\n"
-            f"position, largest     {self.largest:.4f} m\n"
-            f"heading, RMSE         {heading}\n"
-            f"NEES, mean            {self.nees:.3f} ({self.nees_numbers} if consistent)"
-        )
-
-
 class Innovation(NamedTuple):
-    """One measurement at the filter."""
+    """The innovation of one measurement."""
 
     stamp: int
     """[ns]"""
     source: Any
-    """name of the source, and the landmark that was measured"""
+    """name of the source, and the position of the landmark for a landmark measurement"""
     y: Array
     """(m,) innovation"""
     S: Array
-    """(m, m) its covariance"""
+    """(m, m) covariance of the innovation"""
     nis: float
     accepted: bool
 
@@ -95,17 +67,17 @@ class Consistency(NamedTuple):
     """Consistency of whitened innovations."""
 
     nis: float
-    """mean per number measured; 1 if the covariances are right"""
+    """mean NIS per measured quantity; 1 if the covariances are right"""
     correlation: float
-    """of neighbouring innovations of one source: 0 if they are white"""
+    """correlation of consecutive innovations of one source; 0 if they are white"""
     bound: float
-    """95 % of the correlations of white innovations are within +- this"""
+    """95 % of the correlations of white innovations are within +- ``bound``"""
 
 
 def poses_at(stamps: NDArray[np.int64], trajectory: Trajectory) -> Array:
-    """Return the poses (n, 3) at these times [ns], interpolated linearly between neighbours.
+    """Return the poses (n, 3) of a trajectory at these times [ns], by linear interpolation.
 
-    They are nan before and after the trajectory, and in gaps longer than MAX_GAP.
+    The poses are nan before and after the trajectory, and in gaps longer than MAX_GAP.
     """
     times, poses = trajectory
     found = np.full((len(stamps), 3), np.nan)
@@ -120,14 +92,14 @@ def poses_at(stamps: NDArray[np.int64], trajectory: Trajectory) -> Array:
 
 
 def read_truth(reader: BagReader, topic: str) -> Trajectory:
-    """Read true poses: Odometry, PoseWithCovarianceStamped or PoseStamped.
+    """Read true poses from a topic of type Odometry, PoseWithCovarianceStamped or PoseStamped.
 
     Raises:
-        DiffbotError: if the bag has no such topic, or fewer than two poses in it.
+        DiffbotError: if the topic is missing in the bag, or contains fewer than two poses.
     """
     if topic not in reader.topics:
         names = shown(", ".join(sorted(reader.topics)))
-        raise DiffbotError(f"{shown(reader.path)} has no topic {topic}: it has {names}")
+        raise DiffbotError(f"{shown(reader.path)} has no topic {topic}, only {names}")
     found: dict[int, tuple[float, float, float]] = {}
     for message in reader.decoded((topic,)):
         try:
@@ -137,9 +109,9 @@ def read_truth(reader: BagReader, topic: str) -> Trajectory:
             known = covariance is None or covariance[35] <= MAX_VAR_THETA
             found[stamp_ns(message.content.header.stamp)] = (x, y, theta if known else math.nan)
         except (AttributeError, BadMessageError) as error:
-            raise DiffbotError(f"{topic} at {message.log_time} ns: not a pose: {error}") from error
+            raise DiffbotError(f"the message of {topic} at {message.log_time} ns is not a pose: {error}") from error
     if len(found) < 2:
-        raise DiffbotError(f"{reader.path}: fewer than two poses in {topic}")
+        raise DiffbotError(f"{shown(reader.path)}: {topic} has fewer than two poses")
     stamps = np.array(sorted(found), dtype=np.int64)
     poses = np.array([found[stamp] for stamp in stamps.tolist()])
     poses[:, 2] = np.unwrap(poses[:, 2])
@@ -147,54 +119,58 @@ def read_truth(reader: BagReader, topic: str) -> Trajectory:
 
 
 def errors_at(stamps: NDArray[np.int64], poses: Array, P: Array, truth: Trajectory) -> Errors:
-    """Compare estimates with the true poses, which are interpolated linearly between neighbours.
+    """Return the errors of estimates; true poses are interpolated to the stamps of the estimates.
 
     Args:
-        stamps: (n,) [ns] of the estimates, in order.
-        poses: (n, 3) [m, m, rad].
-        P: (n, 3, 3) covariances.
+        stamps: (n,) [ns] stamps of the estimates, increasing.
+        poses: (n, 3) [m, m, rad] estimates.
+        P: (n, 3, 3) covariances of the estimates.
         truth: at least two true poses.
 
     Raises:
-        DiffbotError: if no estimate has a true pose at its time.
+        DiffbotError: if all estimates are outside the time of the true poses.
     """
     expected = poses_at(stamps, truth)
     use = np.isfinite(expected[:, :2]).all(axis=1)
     if not use.any():
-        raise DiffbotError("no estimate at a time with a true pose")
+        raise DiffbotError("all estimates are outside the time of the true poses")
     error = poses[use] - expected[use]
     error[:, 2] -= TWO_PI * np.round(error[:, 2] / TWO_PI)
     return Errors((stamps[use] - stamps[0]) * S_PER_NS, expected[use], error, P[use])
 
 
 def nees_of(error: Array, P: Array) -> Array:
-    """Return e' P^-1 e for each row of ``error`` (n, k), with its covariance ``P`` (n, k, k)."""
+    """Return e' P^-1 e for each error e (n, k) with covariance P (n, k, k)."""
     nees: Array = np.einsum("ni,ni->n", error, np.linalg.solve(P, error[:, :, None])[:, :, 0])
     return nees
 
 
-def figures_of(errors: Errors) -> Figures:
-    """Return the figures of a drive; without true headings, those of the position alone."""
+def errors_text(errors: Errors) -> str:
+    """Return duration, errors and mean NEES in lines of text.
+
+    If a true heading is missing, the NEES is computed from the position alone.
+    """
     distance = np.hypot(errors.error[:, 0], errors.error[:, 1])
+    heading_rmse = float(np.sqrt(np.mean(errors.error[:, 2] ** 2)))
     numbers = 3 if np.isfinite(errors.error).all() else 2
     nees = nees_of(errors.error[:, :numbers], errors.P[:, :numbers, :numbers])
-    return Figures(
-        float(errors.time[-1] - errors.time[0]),
-        float(np.sqrt(np.mean(distance**2))),
-        float(distance.max()),
-        float(np.sqrt(np.mean(errors.error[:, 2] ** 2))),
-        float(np.mean(nees)),
-        numbers,
+    heading = "not measured" if math.isnan(heading_rmse) else f"{heading_rmse:.4f} rad"
+    return (
+        f"compared              {errors.time[-1] - errors.time[0]:.1f} s\n"
+        f"position, RMSE        {np.sqrt(np.mean(distance**2)):.4f} m\n"
+        f"position, largest     {distance.max():.4f} m\n"
+        f"heading, RMSE         {heading}\n"
+        f"NEES, mean            {np.mean(nees):.3f} ({numbers} if consistent)"
     )
 
 
 def consistency_of(white: Array, numbers: NDArray[Any], sources: NDArray[Any]) -> Consistency:
-    """Return mean NIS and lag-1 correlation of innovations; nan without any.
+    """Return mean NIS and lag-1 correlation of innovations; nan without innovations.
 
     Args:
-        white: (k, 3) innovations, each whitened by the Cholesky factor of its covariance; zeros beyond its numbers.
-        numbers: (k,) how many numbers each measurement has.
-        sources: (k,) a number for each source; an innovation is paired with the previous one of its source.
+        white: (k, 3) innovations, each whitened by the Cholesky factor of its covariance and padded with zeros.
+        numbers: (k,) number of measured quantities of each measurement.
+        sources: (k,) number that identifies the source; pairs are consecutive innovations of one source.
     """
     order = np.argsort(sources, kind="stable")
     same = np.diff(sources[order]) == 0
@@ -208,17 +184,17 @@ def consistency_of(white: Array, numbers: NDArray[Any], sources: NDArray[Any]) -
 
 
 def consistency_of_innovations(innovations: Iterable[Innovation]) -> Consistency:
-    """Return the consistency of the accepted measurements; each landmark is a source of its own."""
+    """Return the consistency of the accepted measurements; each landmark is a separate source."""
     accepted = [one for one in innovations if one.accepted]
-    white, own = np.zeros((len(accepted), 3)), dict[Any, int]()
+    white, indices = np.zeros((len(accepted), 3)), dict[Any, int]()
     for row, one in zip(white, accepted, strict=True):
         row[: len(one.y)] = np.linalg.solve(np.linalg.cholesky(one.S), one.y)
-    sources = np.array([own.setdefault(one.source, len(own)) for one in accepted])
+    sources = np.array([indices.setdefault(one.source, len(indices)) for one in accepted])
     return consistency_of(white, np.array([len(one.y) for one in accepted]), sources)
 
 
 def quantiles(values: Array, levels: Mapping[str, float]) -> dict[str, float | None]:
-    """Return the quantile of ``values`` (n,) at each of the named levels in [0, 1]; None if there are no values."""
+    """Return the quantile of ``values`` (n,) at each level in [0, 1], by the name of the level; None without values."""
     if len(values) == 0:
         return dict.fromkeys(levels)
     return dict(zip(levels, np.quantile(values, tuple(levels.values())).tolist(), strict=True))

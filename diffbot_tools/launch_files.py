@@ -1,4 +1,4 @@
-"""Launch descriptions from the plan: the only module that needs ROS's launch and launch_ros."""
+"""Launch descriptions of the planned processes; the only module that imports launch and launch_ros."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ from launch import LaunchContext, LaunchDescription
 
 
 def robot() -> LaunchDescription:
-    """Return the description of robot.launch.py."""
+    """Return the launch description of robot.launch.py."""
     return _description(ROBOT, simulate=False)
 
 
 def simulation() -> LaunchDescription:
-    """Return the description of simulation.launch.py."""
+    """Return the launch description of simulation.launch.py."""
     return _description(SIMULATION, simulate=True)
 
 
@@ -49,7 +49,8 @@ def _description(arguments: tuple[Argument, ...], *, simulate: bool) -> LaunchDe
 
 
 def _choices(argument: Argument) -> list[str] | None:
-    """Return the texts that launch accepts, with an empty one for an argument without a default; None: any text."""
+    """Return the texts that launch accepts; None if it accepts any text."""
+    # An argument without a default is empty if it is not given.
     return [*([] if argument.default else [""]), *argument.choices] if argument.choices else None
 
 
@@ -57,17 +58,16 @@ def _actions(arguments: tuple[Argument, ...], simulate: bool, context: LaunchCon
     """Return the actions for the values of the arguments; launch reports an exception in one line and starts nothing.
 
     Raises:
-        DiffbotError: naming a package that is not installed, a file that cannot be read, or limits that a real robot
-            lacks.
+        DiffbotError: if a package is not installed, a file cannot be read, or the limits of a real robot are missing.
     """
     texts = {one.name: LaunchConfiguration(one.name).perform(context) for one in arguments}
     share = Path(get_package_share_directory(PACKAGE))
     values = parse(arguments, texts)
     nodes = plan(values, share, simulate=simulate)
     for node in nodes:
-        # launch itself would find out when the nodes before it are starting, and leave those running.
+        # launch itself would detect this only after it has started other nodes, and would not stop them.
         if not node.optional and not _is_installed(node.package):
-            raise DiffbotError(f"{node.package} is not installed")
+            raise DiffbotError(f"the package {node.package} is not installed")
     if not simulate:
         check_data_sheet(parameter_file(values, share))
     variables = environment(values, os.environ, simulate=simulate)
@@ -78,7 +78,7 @@ def _actions(arguments: tuple[Argument, ...], simulate: bool, context: LaunchCon
 
 def _action(node: NodePlan) -> Any:
     if node.optional and not _is_installed(node.package):
-        return LogInfo(msg=f"{node.package} is not installed and is left out")
+        return LogInfo(msg=f"the package {node.package} is not installed: not starting {node.executable}")
     return Node(
         package=node.package,
         executable=node.executable,
@@ -94,7 +94,7 @@ def _action(node: NodePlan) -> Any:
 
 
 def _verbatim(value: Any) -> Any:
-    """Return a parameter's value for launch_ros, which would read a text as YAML: a bag named 2026 as a number."""
+    """Return a parameter for launch_ros, which would parse a text as YAML: the name 2026 of a bag as a number."""
     return ParameterValue(value, value_type=str) if isinstance(value, str) else value
 
 
@@ -107,7 +107,7 @@ def _is_installed(package: str) -> bool:
 
 
 def _on_exit(executable: str) -> Callable[[Any, LaunchContext], None]:
-    """Return what to do when a required node ends: raise, so that the launch ends with this reason and status 1."""
+    """Return a handler for the end of a required node, which ends the launch with this reason and status 1."""
 
     def end(event: Any, context: LaunchContext) -> None:
         if not context.is_shutdown:

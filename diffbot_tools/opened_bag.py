@@ -1,4 +1,4 @@
-"""Open a bag for a command."""
+"""Opening of a bag by a command, with its warnings."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from diffbot_core.errors import shown
 
 
 def open_bag(path: Path, *, decodes: bool = True) -> BagReader:
-    """Open a bag, and print one line to stderr if it was not finished.
+    """Open a bag; print a warning to stderr if it was not finished, or has messages that cannot be decoded.
 
     Args:
         path: folder or MCAP file.
-        decodes: the command decodes messages; name the topics whose encoding it cannot decode, too.
+        decodes: True if the command decodes messages.
 
     Raises:
-        DiffbotError: if it is missing, not a rosbag2 MCAP bag, or damaged.
+        DiffbotError: if the bag is missing, damaged, or not an MCAP bag of rosbag2.
     """
     reader = BagReader(path)
     if reader.warning:
         print(f"diffbot: warning: {reader.warning}", file=sys.stderr)
-    foreign = [f"{name} as {topic.encoding}" for name, topic in reader.topics.items() if topic.encoding != CDR]
-    if decodes and foreign:
+    others = [f"{name} as {topic.encoding}" for name, topic in reader.topics.items() if topic.encoding != CDR]
+    if decodes and others:
         print(
-            f"diffbot: warning: {shown(path)}: only {CDR} is decoded, not {shown(', '.join(foreign))}", file=sys.stderr
+            f"diffbot: warning: {shown(path)}: only {CDR} is decoded, not {shown(', '.join(others))}", file=sys.stderr
         )
     return reader

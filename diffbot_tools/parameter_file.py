@@ -14,15 +14,14 @@ from diffbot_core.yaml_files import values_for
 from diffbot_sim.parameters import PlantNodeConfig
 
 EKF = "ekf"
-_OF_EVERY_NODE = "use_sim_time"
-"""Parameter that every node of ROS has."""
 
 
 def read_config(path: Path) -> EkfNodeConfig:
-    """Return the configuration of the node ``ekf``: of each entry whose last part is ``ekf`` or ``**``, later ones win.
+    """Return the configuration of the node ``ekf`` in a parameter file, in any namespace.
 
     Raises:
-        DiffbotError: if the file cannot be read, has no such entry, or a parameter is unknown or out of its bounds.
+        DiffbotError: if the file cannot be read, a section for ``ekf`` is missing, or a parameter is unknown or out of
+            its bounds.
     """
     values = values_for(path, EKF)
     try:
@@ -32,14 +31,14 @@ def read_config(path: Path) -> EkfNodeConfig:
 
 
 def values_of(values: Mapping[str, Any], config_type: type[Any]) -> dict[str, Any]:
-    """Return the ``values`` of a file that one node has: a section for all nodes has those of others, too.
+    """Return the parameters of one node among ``values``: a section for all nodes has parameters of other nodes, too.
 
     Raises:
         InvalidValueError: for a name that no node knows.
     """
     types = config_type, ControllerNodeConfig, EkfNodeConfig, PlantNodeConfig
     own, *others = ({one.name for one in parameters_of(kind)} for kind in types)
-    known = own.union(*others, (_OF_EVERY_NODE,))
+    known = own.union(*others, ["use_sim_time"])
     for name, value in values.items():
         if name not in known:
             raise InvalidValueError(name, value, known_name(name, known))

@@ -1,4 +1,4 @@
-"""Layout, colours and writing of figures; matplotlib draws without a screen, unless it was imported before."""
+"""Layout, colours and saving of figures. Without MPLBACKEND, matplotlib uses the backend Agg, which needs no screen."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ import matplotlib.pyplot as plt
 from diffbot_core.files import replacing
 
 BLUE, ORANGE, GREY, GREEN, RED = "#0072B2", "#E69F00", "#999999", "#009E73", "#D55E00"
-"""Colours that are distinct with any colour vision (Okabe and Ito)."""
+"""Colours that people with any colour vision can tell apart (Okabe and Ito)."""
 
 
 def new_figure(rows: int, size: tuple[float, float], *, sharex: bool = True) -> tuple[Any, Any]:
-    """Return a figure of ``size`` [inch] with one axes (rows 1) or a list of axes above each other."""
+    """Return a figure of ``size`` [inch] with one axes if ``rows`` is 1, or a column of axes."""
     figure, axes = plt.subplots(rows, sharex=sharex, figsize=size, dpi=110, layout="constrained")
     for one in [axes] if rows == 1 else axes:
         one.grid(alpha=0.3)
@@ -27,9 +27,9 @@ def new_figure(rows: int, size: tuple[float, float], *, sharex: bool = True) -> 
 def new_grid(
     columns: int, below: int, size: tuple[float, float], left: float = 0.04
 ) -> tuple[Any, list[Any], list[Any]]:
-    """Return a figure of ``size`` [inch], a row of ``columns`` small axes and one of ``below`` larger ones.
+    """Return a figure of ``size`` [inch], a row of ``columns`` small axes, and below it a row of ``below`` large axes.
 
-    ``left`` is the share of the width that their labels take.
+    ``left`` is the share of the width for the labels of the y axes.
     """
     figure = plt.figure(figsize=size, dpi=100)
     upper = figure.add_gridspec(1, columns, left=left, right=0.99, bottom=0.56, top=0.94, wspace=0.08)
@@ -42,7 +42,7 @@ def new_grid(
 
 
 def save(figure: Any, *paths: Path) -> None:
-    """Write and close a figure, in the format of each path's suffix; each file is replaced as a whole."""
+    """Save a figure in the format of each path's suffix, replacing each file as a whole, and close the figure."""
     for path in paths:
         with replacing(path) as part:
             figure.savefig(part, format=path.suffix[1:])

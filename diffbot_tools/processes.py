@@ -10,10 +10,8 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
-from types import TracebackType
 from typing import IO, Any
 
 import yaml
@@ -22,36 +20,37 @@ from diffbot_core.errors import DiffbotError
 from diffbot_core.files import runtime_folder
 
 DOMAINS = range(1, 102)
-"""Domain ids whose ports are below Linux's range of ephemeral ports."""
+"""Domain ids whose ports are below the ephemeral ports of Linux."""
 _BIND = (
     "import ctypes, os, sys; ctypes.CDLL(None).prctl(1, 15); "
     "os.getppid() == int(sys.argv[1]) and os.execv(sys.argv[2], sys.argv[2:])"
 )
 BOUND = [sys.executable, "-I", "-S", "-c", _BIND]
-"""Begins the command ``[*BOUND, parent id, program, ...]``: the program gets SIGTERM when its parent has ended.
+"""Beginning of a command ``[*BOUND, parent id, program, ...]`` whose program gets SIGTERM when its parent ends.
 
-The kernel sends the signal (PR_SET_PDEATHSIG is 1, SIGTERM 15) even if the parent was killed, so that a recorder still
-closes its bag. A parent that died before the call sends no signal, so the id is checked afterwards. The process becomes
-the program. It is a process of its own because code between fork and exec of a process with threads is unsafe. The
-options -I and -S make Python start quickly.
+The kernel sends the signal (PR_SET_PDEATHSIG is 1, SIGTERM is 15) even if the parent is killed, so that a recorder can
+still close its bag. If the parent died before the call, the kernel sends nothing; therefore the parent id is compared
+after the call. This small Python program replaces itself with the actual program. Popen's preexec_fn could do the same
+but is unsafe in a process with threads. The options -I and -S make Python start quickly.
 """
 _FAST_DDS = ("", "rmw_fastrtps_cpp", "rmw_fastrtps_dynamic_cpp")
-"""Values of RMW_IMPLEMENTATION; ROS's default is among them."""
+"""Values of RMW_IMPLEMENTATION that select Fast DDS; the empty default does, too."""
 STOP_TIMEOUT = 15.0
-"""[s] between SIGINT and SIGKILL."""
+"""[s] time from SIGINT to SIGKILL"""
 
 
 class PrivateDomain:
-    """A ROS_DOMAIN_ID that no participant on this machine uses, held by a lock file of this user until :meth:`release`.
+    """A ROS_DOMAIN_ID that no other participant on this machine uses.
 
-    Another user's programs are noticed by their ports.
+    A lock file reserves the domain among the programs of this user until :meth:`release`. Programs of other users are
+    detected by their ports.
     """
 
     def __init__(self) -> None:
         """Find a free domain and lock it.
 
         Raises:
-            DiffbotError: if all are taken.
+            DiffbotError: if all domains are in use.
         """
         for domain in random.sample(DOMAINS, len(DOMAINS)):
             lock = self._lock(domain)
@@ -60,7 +59,7 @@ class PrivateDomain:
                     self.id, self._held = domain, lock
                     return
                 lock.close()
-        raise DiffbotError("no free ROS_DOMAIN_ID on this machine")
+        raise DiffbotError(f"all values of ROS_DOMAIN_ID from {DOMAINS[0]} to {DOMAINS[-1]} are in use on this machine")
 
     @staticmethod
     def _lock(domain: int) -> IO[str] | None:
@@ -94,8 +93,8 @@ def _is_quiet(domain: int) -> bool:
 def localhost_discovery() -> dict[str, str]:
     """Return the environment variables that keep a graph on this machine.
 
-    With Fast DDS this is a profile of UDP alone. LOCALHOST would add shared memory, by which a process that was stopped
-    for a second or more may receive nothing afterwards.
+    For Fast DDS they select a profile that uses only UDP. LOCALHOST would add shared memory, and a process that was
+    stopped for a second or more may receive nothing through it afterwards.
     """
     if os.environ.get("RMW_IMPLEMENTATION", "") not in _FAST_DDS:
         return {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
@@ -106,7 +105,7 @@ def localhost_discovery() -> dict[str, str]:
 
 
 def graph_environment(domain: int) -> dict[str, str]:
-    """Return the environment of a graph that stays on this machine."""
+    """Return the environment variables of a process whose graph stays on this machine."""
     return {
         **os.environ,
         **localhost_discovery(),
@@ -117,7 +116,7 @@ def graph_environment(domain: int) -> dict[str, str]:
 
 
 @contextlib.contextmanager
-def _signals_ignored() -> Iterator[None]:
+def _ignored_signals() -> Iterator[None]:
     before = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield
@@ -127,13 +126,19 @@ def _signals_ignored() -> Iterator[None]:
 
 
 class NodeProcesses:
-    """The processes of one graph; leaving the ``with`` block stops them in reverse order of starting.
+    """The processes of one graph; leaving the ``with`` block stops them, the newest first.
 
-    If this process is killed, or the thread that started them ends, they get SIGTERM.
+    If this process is killed, or the thread that started the processes ends, they get SIGTERM.
     """
 
     def __init__(self, domain: int, folder: Path, namespace: str = "") -> None:
-        """Logs and the parameter file of each node go to ``folder``, which must exist."""
+        """Store the settings.
+
+        Args:
+            domain: ROS_DOMAIN_ID.
+            folder: existing folder for the log and the parameter file of each node.
+            namespace: namespace of the nodes.
+        """
         self._namespace = namespace
         self._environment = graph_environment(domain)
         self._folder = folder
@@ -141,7 +146,7 @@ class NodeProcesses:
         self._logs: list[IO[str]] = []
 
     def start(self, name: str, module: str, parameters: dict[str, Any], **options: Any) -> subprocess.Popen[str]:
-        """Start the node ``name`` of ``module`` with ROS parameters; ``options`` go to Popen."""
+        """Start the node ``name`` of ``module`` with ROS parameters; pass ``options`` to Popen."""
         file = self._folder / f"{name}.yaml"
         file.write_text(yaml.safe_dump({f"{self._namespace}/{name}": {"ros__parameters": parameters}}))
         log = (self._folder / f"{name}.log").open("w")
@@ -156,7 +161,7 @@ class NodeProcesses:
         return process
 
     def failed(self) -> str:
-        """Return one line about a node that ended on its own; empty if all are running."""
+        """Return one line about a node that has ended on its own; empty if all nodes are running."""
         for name, process in self._running.items():
             if process.poll() is not None:
                 return f"{name} ended with status {process.returncode}: {self.last_log_line(name)}"
@@ -168,7 +173,7 @@ class NodeProcesses:
         return lines[-1] if lines else "its log is empty"
 
     def stop(self, name: str) -> int:
-        """Stop one node with SIGINT, after STOP_TIMEOUT with SIGKILL; return its exit status."""
+        """Stop a node with SIGINT, or with SIGKILL after STOP_TIMEOUT; return its exit status."""
         process = self._running.pop(name)
         if process.poll() is None:
             with contextlib.suppress(ProcessLookupError):
@@ -183,26 +188,11 @@ class NodeProcesses:
         """Return self."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Stop all nodes that are still running."""
-        # A second Ctrl-C must not leave nodes running; a node that ignores SIGINT is killed after STOP_TIMEOUT.
-        with _signals_ignored():
+        # A second Ctrl-C must not leave nodes running.
+        with _ignored_signals():
             for name in reversed(list(self._running)):
                 self.stop(name)
         for log in self._logs:
             log.close()
-
-
-def wait_until(condition: Any, timeout: float, poll: float = 0.02) -> bool:
-    """Wait until ``condition()`` is true, at most ``timeout`` [s]; return whether it became true."""
-    deadline = time.monotonic() + timeout
-    while not condition():
-        if time.monotonic() > deadline:
-            return False
-        time.sleep(poll)
-    return True

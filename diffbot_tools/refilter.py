@@ -1,6 +1,6 @@
-"""``diffbot refilter``: the filter over a bag; its estimates and innovations in a new bag.
+"""The command ``diffbot refilter``: run the filter over a bag, and write estimates and innovations into a new bag.
 
-There is no graph and no waiting, and the output is the same bits each time.
+No node runs. The output is equal to the bit in each run.
 """
 
 from __future__ import annotations
@@ -48,14 +48,14 @@ from diffbot_tools.figures import (
     Innovation,
     consistency_of_innovations,
     errors_at,
-    figures_of,
+    errors_text,
     read_truth,
 )
 from diffbot_tools.opened_bag import open_bag
 from diffbot_tools.parameter_file import read_config
 
 PARAMETERS = "ekf.yaml"
-"""Parameter file in the folder of a bag, for a bag without --params."""
+"""Parameter file in the folder of a bag, which is used without --params."""
 ODOMETRY, NIS = "nav_msgs/msg/Odometry", "std_msgs/msg/Float64MultiArray"
 INPUTS = {
     "global_pose": POSE_MESSAGE,
@@ -66,33 +66,33 @@ INPUTS = {
     "odom": ODOMETRY,
     "joint_states": "sensor_msgs/msg/JointState",
 }
-"""Topics that the filter reads, as the node names them, and their types."""
+"""Topics that the filter reads, by the names in the node, and their types."""
 
 
 class Answer(NamedTuple):
-    """What the filter publishes for one odometry message."""
+    """Output of the filter for one odometry message."""
 
     estimate: FilterEstimate
     odometry: OdometryStep
     twist: Twist
-    """corrected by the estimated radius errors"""
+    """twist of the odometry, corrected by the estimated errors of the wheels"""
 
 
 def run(bag: Path, params: Path | None, out: Path, compare: str | None, remap: dict[str, str]) -> int:
-    """Filter a bag, write the new one and print what was dropped, the consistency and, with ``compare``, the errors.
+    """Filter a bag, write the new bag, and print the dropped messages, the consistency and the errors.
 
     Args:
-        bag: folder, or an .mcap file.
-        params: ROS parameter file; None for ``ekf.yaml`` in the folder of the bag.
+        bag: folder of a bag, or an .mcap file.
+        params: ROS parameter file; None: ``ekf.yaml`` in the folder of the bag.
         out: folder of the new bag.
-        compare: topic of true poses in ``bag``.
-        remap: topic in the bag for each of INPUTS that has another name there.
+        compare: topic of true poses in ``bag``; None: print no errors.
+        remap: topic in the bag, by the name in INPUTS, where the names differ.
 
     Raises:
-        DiffbotError: if a file or topic is missing, a parameter is not allowed, or ``out`` exists already.
+        DiffbotError: if a file or topic is missing, a parameter is not allowed, or ``out`` already exists.
     """
     if os.path.lexists(out):
-        raise DiffbotError(f"{out} exists already: choose another name for the bag")
+        raise DiffbotError(f"{out} already exists: choose another name for the bag")
     file = parameter_file_of(bag, params)
     config = read_config(file)
     with open_bag(bag) as reader:
@@ -101,7 +101,7 @@ def run(bag: Path, params: Path | None, out: Path, compare: str | None, remap: d
         innovations = filtered.localization.innovations
         with new_bag(out) as writer:
             (writer.folder / PARAMETERS).write_text(read_text(file, MAX_BYTES), encoding="utf-8")
-            estimates = _drive(filtered, reader, _Output(writer, config))
+            estimates = _filter_bag(filtered, reader, _Output(writer, config))
     for (topic, kind), count in sorted(filtered.dropped.items()):
         print(f"{topic}: dropped {count}: {kind}")
     accepted = sum(one.accepted for one in innovations)
@@ -113,58 +113,59 @@ def run(bag: Path, params: Path | None, out: Path, compare: str | None, remap: d
     print(f"whiteness, lag 1      {correlation:+.3f} (white: within +-{bound:.3f})")
     if truth is not None:
         poses, P = np.array([one.pose for one in estimates]), np.array([one.P for one in estimates])
-        print(figures_of(errors_at(stamps, poses, P, truth)))
+        print(errors_text(errors_at(stamps, poses, P, truth)))
     print(out)
     return 0
 
 
 def parameter_file_of(bag: Path, params: Path | None) -> Path:
-    """Return the parameter file of a bag: ``params``, or the one in the folder of the bag.
+    """Return the parameter file for a bag: ``params``, or by default ``ekf.yaml`` in the folder of the bag.
 
     Raises:
         DiffbotError: if there is no bag or no parameter file.
     """
-    if not bag.expanduser().exists():
-        raise DiffbotError(f"no bag {bag}")
+    bag = bag.expanduser()
+    if not bag.exists():
+        raise DiffbotError(f"there is no bag {bag}")
     if params is not None:
         return params
-    folder = bag.expanduser() if bag.is_dir() else bag.expanduser().parent
+    folder = bag if bag.is_dir() else bag.parent
     path = folder / PARAMETERS
     if not path.is_file():
-        raise DiffbotError(f"no {PARAMETERS} in {folder}: name a parameter file with --params")
+        raise DiffbotError(f"{folder} has no {PARAMETERS}: give a parameter file with --params")
     return path
 
 
 def inputs_of(config: EkfNodeConfig) -> dict[str, str]:
-    """Return INPUTS and the topics of further sensors of a configuration, with their types."""
+    """Return INPUTS and the topics of the configured sensors, with their types."""
     return INPUTS | {one.topic: one.message_type for one in sensors_of(config, NO_TRANSFORMS)}
 
 
 def topics_of(reader: BagReader, config: EkfNodeConfig, remap: dict[str, str]) -> dict[str, str]:
-    """Map the topics of a bag to :func:`inputs_of`; the further sources of fixes have to be in it, too.
+    """Return the input (see :func:`inputs_of`) that each topic of a bag provides.
 
     Raises:
-        DiffbotError: if the bag has no odometry or source of fixes, a remapped topic is not in it, or one is of another
-            type than the filter reads.
+        DiffbotError: if the bag lacks the odometry, a configured source of fixes or a remapped topic, or if a topic has
+            another type than the filter reads.
     """
     inputs, found, path = inputs_of(config), reader.topics, shown(reader.path)
     names = {name: "/" + remap.get(name, name).lstrip("/") for name in inputs}
     for name in (*remap, config.odometry_source, *config.localization.sources.pose_sources):
         if names[name] not in found:
-            raise DiffbotError(
-                f"{path} has no topic {names[name]} for {name}: it has {shown(', '.join(sorted(found)))}"
-            )
+            raise DiffbotError(f"{path} has no topic {names[name]} for {name}, only {shown(', '.join(sorted(found)))}")
     for name, topic in names.items():
         if topic in found and found[topic].type != inputs[name]:
-            raise DiffbotError(f"{path}: {topic} is of type {shown(found[topic].type)}, {name} must be {inputs[name]}")
+            raise DiffbotError(
+                f"{path}: {topic} has the type {shown(found[topic].type)}; {name} must be {inputs[name]}"
+            )
     return {topic: name for name, topic in names.items() if topic in found}
 
 
 class RecordingLocalization(Localization):
-    """A localization that keeps the innovations of its measurements, each once, however late it was fused."""
+    """A localization that keeps the innovation of each measurement; a measurement that is fused again is kept once."""
 
     def __init__(self, config: EkfNodeConfig) -> None:
-        """Start unknown."""
+        """Start without a pose."""
         separation, landmarks = config.wheels.wheel_separation, tuple(config.landmarks.points().values())
         super().__init__(config.localization, separation, config.sensor_timeout, landmarks=landmarks)
         self.innovations: list[Innovation] = []
@@ -183,14 +184,14 @@ class RecordingLocalization(Localization):
 
 
 class FilterRun:
-    """A filter that processes recorded messages as the node ``ekf`` does, and counts the messages that it drops."""
+    """A filter that processes recorded messages as the node ``ekf`` does, and counts dropped messages."""
 
     def __init__(self, config: EkfNodeConfig, topics: dict[str, str]) -> None:
-        """Start unknown; ``topics`` maps the topics of the bag to those of :func:`inputs_of`."""
+        """Start without a pose; ``topics`` is the result of :func:`topics_of`."""
         self._inputs = EkfInputs(config)
         self.localization = RecordingLocalization(config)
         self.dropped: Counter[tuple[str, str]] = Counter()
-        """messages that were not used, by topic and reason"""
+        """number of dropped messages, by topic and reason"""
         handlers: dict[str, Callable[[str, Any], Answer | None]] = {
             "initialpose": self._on_initialpose,
             config.odometry_source: self._on_odometry,
@@ -205,7 +206,7 @@ class FilterRun:
         return tuple(self._handlers)
 
     def take(self, message: DecodedMessage) -> Answer | None:
-        """Handle one message of :attr:`topics`; return the filter's answer to an odometry that it can use."""
+        """Process one message of :attr:`topics`; return the answer to a usable odometry message, otherwise None."""
         try:
             return self._handlers[message.topic](message.topic, message.content)
         except BadMessageError as error:
@@ -213,7 +214,7 @@ class FilterRun:
             return None
 
     def reasons(self) -> str:
-        """Return the most frequent reasons for which messages were dropped; empty if none was."""
+        """Return the most frequent reasons for dropped messages; empty if no message was dropped."""
         return "; ".join(f"{topic}: {kind} ({count})" for (topic, kind), count in self.dropped.most_common(3))
 
     def _on_sensor(self, sensor: Sensor, topic: str, message: Any) -> None:
@@ -237,14 +238,14 @@ class FilterRun:
 
 
 class _Output:
-    """Writes pose and odometry/filtered as the node ``ekf`` publishes them, and the innovations.
+    """Writer of pose and odometry/filtered, as the node ``ekf`` publishes them, and of the NIS of each measurement.
 
-    The publish time of ``/ekf/nis`` is the stamp of the measurement. Its log time is that of the odometry with which
-    the measurement was fused.
+    The publish time of a message of ``/ekf/nis`` is the stamp of the measurement. The log time is the log time of the
+    next odometry message, which fuses the measurement.
     """
 
     def __init__(self, writer: BagWriter, config: EkfNodeConfig) -> None:
-        """Register the topics."""
+        """Add the topics to the bag."""
         self._writer = writer
         header = {"frame_id": config.map_frame}
         self._pose = make(POSE_MESSAGE, header=header)
@@ -258,7 +259,7 @@ class _Output:
         self._written = 0
 
     def write(self, answer: Answer, innovations: list[Innovation], log_time: int) -> None:
-        """Write an answer with the stamp of its estimate, and the new ones of all innovations; ``log_time`` [ns]."""
+        """Write an answer, and the NIS of the ``innovations`` that were not written before, at ``log_time`` [ns]."""
         estimate, odometry, twist = answer
         for message in (self._pose, self._odometry):
             set_stamp(message.header.stamp, estimate.stamp)
@@ -274,11 +275,11 @@ class _Output:
         self._written = len(innovations)
 
 
-def _drive(filtered: FilterRun, reader: BagReader, output: _Output) -> list[FilterEstimate]:
-    """Give the filter all messages in the order of their log times, with a progress bar on a terminal.
+def _filter_bag(filtered: FilterRun, reader: BagReader, output: _Output) -> list[FilterEstimate]:
+    """Process all messages in the order of their log times; return the estimates.
 
     Raises:
-        DiffbotError: if the filter never started.
+        DiffbotError: if the messages do not start the filter.
     """
     estimates, total = [], sum(reader.topics[topic].message_count for topic in filtered.topics)
     messages = reader.decoded(filtered.topics)
@@ -288,5 +289,5 @@ def _drive(filtered: FilterRun, reader: BagReader, output: _Output) -> list[Filt
             estimates.append(answer.estimate)
             output.write(answer, filtered.localization.innovations, message.log_time)
     if not estimates:
-        raise DiffbotError(f"{reader.path}: no estimate: {filtered.reasons() or 'no message'}")
+        raise DiffbotError(f"{reader.path} gives no estimate: {filtered.reasons() or 'it has no messages'}")
     return estimates

@@ -1,4 +1,4 @@
-"""A robot by its parameter file: the configurations of its nodes, without ROS."""
+"""The configurations of a robot's nodes, read from its parameter file. Free of ROS."""
 
 from __future__ import annotations
 
@@ -24,22 +24,22 @@ from diffbot_tools.robot_description import PRESETS, RobotDescription, file_of_r
 
 NODES = "controller", "ekf", "plant"
 Values = dict[str, dict[str, Any]]
-"""Parameters by node."""
+"""Parameters of each node, by the names of the nodes."""
 
 
-class Robot(NamedTuple):
+class RobotConfig(NamedTuple):
     """The configurations of a robot's nodes."""
 
     name: str
     controller: Any
-    """configuration of the controller node under its law"""
+    """configuration of the controller node, whose type depends on the law"""
     ekf: EkfNodeConfig
     plant: PlantNodeConfig
     given: Values
-    """parameters that the description sets; of the controller also parameters that only other laws have"""
+    """parameters in the file; for the controller including parameters of other laws"""
 
     def __repr__(self) -> str:
-        """Return the name and the most important figures in one line."""
+        """Return the name and the most important values in one line."""
         sheet, tolerance = self.data_sheet, self.tolerance
         return (
             f"<Robot {self.name}: {sheet.v_max:g} m/s, {sheet.omega_max:g} rad/s, latency {sheet.command_latency:g} s, "
@@ -48,37 +48,37 @@ class Robot(NamedTuple):
 
     @property
     def tolerance(self) -> GoalTolerance:
-        """The tolerances of the law."""
+        """Tolerances of the law."""
         return self.law.tolerance(self.controller.supervisor.controller)
 
     @property
     def data_sheet(self) -> DataSheet:
-        """The data sheet of the law."""
+        """Data sheet of the law."""
         return self.law.data_sheet(self.controller.supervisor.controller)
 
     @property
     def law(self) -> type[Law]:
-        """The law that drives."""
+        """Law that drives the robot."""
         return law_of(self.controller.law)
 
     def parts(
         self, seed: int = 1, start: StartPose | None = None
     ) -> tuple[WorldConfig, LocalizationConfig, SupervisorConfig, type[Law]]:
-        """Return the arguments of a simulation; ``seed`` names the noise, without ``start`` the plant's own holds."""
+        """Return the arguments of a simulation with this ``seed``, by default from the start pose of the plant."""
         world = self.plant.world._replace(seed=seed)
         world = world if start is None else world._replace(start=start)
         return world, self.ekf.localization, self.controller.supervisor, self.law
 
     def simulation(self, seed: int = 1) -> Simulation:
-        """Return the robot at rest at its start."""
+        """Return a simulation of the robot, at rest at its start pose."""
         return Simulation(*self.parts(seed))
 
 
-def read_robot(source: str | PathLike[str] | RobotDescription) -> Robot:
-    """Return the robot of a parameter file, of a preset's name, or of a description.
+def read_robot(source: str | PathLike[str] | RobotDescription) -> RobotConfig:
+    """Return the robot that a parameter file, the name of a preset or a description describes.
 
     Raises:
-        DiffbotError: in one line, if there is no such file or preset, a section is missing, or a value not allowed.
+        DiffbotError: in one line, if the file, the preset or a section is missing, or a value is not allowed.
     """
     if isinstance(source, RobotDescription):
         return _of_description(source, "robot")
@@ -94,23 +94,23 @@ def read_robot(source: str | PathLike[str] | RobotDescription) -> Robot:
         raise DiffbotError(f"{path}: {error}") from error
 
 
-def _of_description(description: RobotDescription, name: str) -> Robot:
+def _of_description(description: RobotDescription, name: str) -> RobotConfig:
     content = load_yaml(file_of_robot(build(RobotDescription, to_dict(description))), name, unique_keys=True)
     values = {section: one[PARAMETERS] for section, one in content.items()}
     return make_robot(name, {node: values["/**"] | values[f"/**/{node}"] for node in NODES})
 
 
-def make_robot(name: str, values: Values) -> Robot:
-    """Return the robot with these parameters; as in the nodes, a parameter of another node is ignored.
+def make_robot(name: str, values: Values) -> RobotConfig:
+    """Return the robot with these parameters; parameters of other nodes are ignored, as the nodes do.
 
     Raises:
-        DiffbotError: for a value that is not allowed, or a name that no node knows.
+        DiffbotError: if a value is not allowed, or no node knows a name.
     """
     controller_type, presets = parameter_set_of(values["controller"])
     types = {"controller": controller_type, "ekf": EkfNodeConfig, "plant": PlantNodeConfig}
     own = {node: values_of(values[node], kind) for node, kind in types.items()}
     base = presets[str(values["controller"].get("preset", next(iter(presets))))] if presets else None
-    return Robot(
+    return RobotConfig(
         name,
         build(controller_type, own["controller"], base),
         build(EkfNodeConfig, own["ekf"]),

@@ -1,4 +1,4 @@
-"""The command ``diffbot robot``: describe one's own robot, check the description, drive it in the simulation."""
+"""The command ``diffbot robot``: describe a robot, check the description, drive the robot in the simulation."""
 
 from __future__ import annotations
 
@@ -20,20 +20,25 @@ def add_robot(commands: Any) -> None:
     """Add ``diffbot robot`` to the subparsers of the command line."""
     robot = commands.add_parser("robot", help="describe your own robot, check it, drive it in the simulation")
     verbs = robot.add_subparsers(required=True, metavar="VERB")
-    new = verbs.add_parser("new", help="write the parameter file of a robot; asks for what is not given")
+    new = verbs.add_parser("new", help="write the parameter file of a robot; ask for values that are not given")
     new.add_argument("out", type=Path, metavar="FILE", help="parameter file to write, which must not exist")
-    new.add_argument("--like", choices=tuple(PRESETS), help="take what is not given from this robot, and ask nothing")
+    new.add_argument("--like", choices=tuple(PRESETS), help="use the values of this robot instead of asking")
     add_flags(new, RobotDescription)
     new.set_defaults(call=_new)
     check = verbs.add_parser(
-        "check", help="report what is missing, contradictory, slow or not reached; status 1 unless it is only slow"
+        "check",
+        help="report what is missing, contradictory, slow or not reached; status 0 if nothing is, or it is only slow",
     )
-    drive = verbs.add_parser("drive", help="drive to random goals, far and short; status 3 if one is not reached")
+    drive = verbs.add_parser("drive", help="drive to random goals, far and near; status 3 if a goal is not reached")
     for one in (check, drive):
         one.add_argument("robot", help=f"parameter file, or one of {', '.join(PRESETS)}")
-    drive.add_argument("--goals", type=whole(1, 10_000), default=20, help="how many (default: %(default)s)")
-    drive.add_argument("--seed", type=whole(0, MAX_SEED), default=1, help="of goals and noise (default: %(default)s)")
-    drive.add_argument("--out", type=Path, default=Path("out/robot/drives.png"), help="picture (default: %(default)s)")
+    drive.add_argument("--goals", type=whole(1, 10_000), default=20, help="number of goals (default: %(default)s)")
+    drive.add_argument(
+        "--seed", type=whole(0, MAX_SEED), default=1, help="seed of goals and noise (default: %(default)s)"
+    )
+    drive.add_argument(
+        "--out", type=Path, default=Path("out/robot/drives.png"), help="file of the picture (default: %(default)s)"
+    )
     check.set_defaults(call=_check)
     drive.set_defaults(call=_drive)
 
@@ -41,17 +46,17 @@ def add_robot(commands: Any) -> None:
 def _new(options: argparse.Namespace) -> int:
     path = options.out.expanduser()
     if path.exists():
-        raise DiffbotError(f"cannot write to {path}: it exists already: choose another name")
+        raise DiffbotError(f"{path} already exists: choose another name")
     parameters = parameters_of(RobotDescription)
     given = {one.name: getattr(options, one.name) for one in parameters if hasattr(options, one.name)}
     base = PRESETS.get(options.like, RobotDescription())
-    build(RobotDescription, given, base)  # refuses a bad value before anything is asked
+    build(RobotDescription, given, base)  # refuse a bad value before the first question
     if options.like is None:
-        left = [one for one in parameters if one.name not in given]
-        if left and not sys.stdin.isatty():
-            flags = ", ".join("--" + one.name.replace("_", "-").replace(".", "-") for one in left)
-            raise DiffbotError(f"robot new: not a terminal to ask in: give --like, or {flags}")
-        given |= _ask(left)
+        missing = [one for one in parameters if one.name not in given]
+        if missing and not sys.stdin.isatty():
+            flags = ", ".join("--" + one.name.replace("_", "-").replace(".", "-") for one in missing)
+            raise DiffbotError(f"robot new cannot ask, since its input is not a terminal: give --like, or {flags}")
+        given |= _ask(missing)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_text(path, file_of_robot(build(RobotDescription, given, base), path.name))
@@ -62,7 +67,7 @@ def _new(options: argparse.Namespace) -> int:
 
 
 def _ask(parameters: list[Parameter]) -> dict[str, Any]:
-    print("Return takes the value in brackets; Ctrl-C ends without a file.")
+    print("Press Return for the value in brackets, or Ctrl-C to end without a file.")
     values: dict[str, Any] = {}
     for one in parameters:
         unit = "" if one.spec.unit == "-" else f" [{one.spec.unit}]"
@@ -72,7 +77,7 @@ def _ask(parameters: list[Parameter]) -> dict[str, Any]:
                 text = input(f"{one.spec.text}{unit} ({default}): ").strip()
                 values[one.name] = _answer(one, text) if text else one.default
             except EOFError:
-                raise DiffbotError("robot new: the answers ended before the questions") from None
+                raise DiffbotError(f"robot new: the input ended before {one.name} was given") from None
             except (DiffbotError, argparse.ArgumentTypeError) as error:
                 print(f"  {error}")
     return values

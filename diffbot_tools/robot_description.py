@@ -1,4 +1,4 @@
-"""The description of a robot, and the parameter file made of it. Nothing heavy is imported: the flags need it."""
+"""The description of a robot and its parameter file. Imports nothing heavy, since every start of the command does."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ _RATE, _SHARE = (0.1, 1000.0), (0.0, 0.5)
 _TEMPLATE = """\
 # Drive it in the simulation: diffbot robot drive {name}
 # On the robot: ros2 launch diffbot robot.launch.py parameters:={name}
-/**: # the data sheet, read by controller, ekf and plant
+/**: # the data sheet, for controller, ekf and plant
   ros__parameters:
     wheel_radius: {wheel_radius} # [m]
     wheel_separation: {wheel_separation} # [m], between the middles of the tyres
-    linear.x.max_velocity: {linear.x.max_velocity} # [m/s]; for the first drives, half of what it can do
+    linear.x.max_velocity: {linear.x.max_velocity} # [m/s]; for the first drives, half of the possible speed
     angular.z.max_velocity: {angular.z.max_velocity} # [rad/s]
     wheel.max_velocity: {max_wheel} # [rad/s] of each wheel
     linear.x.max_acceleration: {linear.x.max_acceleration} # [m/s^2]
@@ -40,10 +40,10 @@ _TEMPLATE = """\
     yaw_goal_tolerance: {yaw_goal_tolerance} # [rad]
 /**/ekf:
   ros__parameters:
-    odometry_noise: motion # odom has no covariance, or a made-up one
+    odometry_noise: motion # ignore the covariance of odom, which is often missing or arbitrary
     global_pose_sigma_xy: {global_pose_sigma_xy} # [m], for a global_pose without covariance
     global_pose_sigma_yaw: {global_pose_sigma_yaw} # [rad]
-    use_gyro: {use_gyro} # imu
+    use_gyro: {use_gyro} # of the topic imu
 /**/plant: # the simulated robot; a real one does not read this section
   ros__parameters:
     initial_pose.x: 0.0 # [m]
@@ -51,22 +51,22 @@ _TEMPLATE = """\
     initial_pose.yaw: 0.0 # [rad]
     sampling_time: {period} # [s], the period of odom
     fix_rate: {fix_rate} # [Hz] of global_pose
-    fix_delay: {fix_delay} # [s], its age
+    fix_delay: {fix_delay} # [s], age of a global_pose when it arrives
     eps_xy_max: {eps_xy} # [m], 1.73 times the standard deviation
     eps_theta_max: {eps_yaw} # [rad]
-    fix_noise_correlation: {correlation} # from pose to pose
+    fix_noise_correlation: {correlation} # of the errors of two consecutive poses
     gyro_rate: {gyro_rate} # [Hz] of imu
-    slip_noise: {slip_noise} # share of the wheels' motion lost on the ground, 1.25 times its mean
-    left_radius_error: 0.01 # the wheels are not exactly as the data sheet says
+    slip_noise: {slip_noise} # share of the wheels' motion that is lost by slip, 1.25 times the typical share
+    left_radius_error: 0.01 # the real wheels differ from the data sheet
     separation_error: -0.01
 """
 
 
 @known_fields
 class RobotDescription(NamedTuple):
-    """Answers about a robot. The defaults describe a small robot that is localized by AMCL.
+    """Description of a robot. The defaults describe a small robot that is localized by AMCL.
 
-    A field with the meaning of a node's parameter has the name of the parameter, with ``_`` for the dots.
+    A field that is a parameter of a node has the name of the parameter, with ``_`` for the dots.
     """
 
     wheel_radius: Annotated[float, Spec("wheel radius", "m", *WHEEL_SIZE)] = 0.033
@@ -92,22 +92,24 @@ class RobotDescription(NamedTuple):
     )
     odometry_rate: Annotated[float, Spec("rate of odom", "Hz", *_RATE)] = 20.0
     use_gyro: Annotated[bool, Spec("a gyro on the topic imu")] = False
-    slip: Annotated[float, Spec("typical share of the wheels' motion that is lost on the ground", "-", *_SHARE)] = 0.0
+    slip: Annotated[float, Spec("typical share of the wheels' motion that is lost by slip", "-", *_SHARE)] = 0.0
     fix_rate: Annotated[float, Spec("rate of global_pose: AMCL, markers, motion capture, GNSS ...", "Hz", *_RATE)] = 5.0
-    fix_delay: Annotated[float, Spec("age of such a pose when it arrives", "s", 0.0, 1.0)] = 0.1
-    global_pose_sigma_xy: Annotated[float, Spec("standard deviation of its x and y", "m", 1e-4, 10.0)] = 0.03
-    global_pose_sigma_yaw: Annotated[float, Spec("standard deviation of its heading", "rad", 1e-4, math.pi)] = 0.03
+    fix_delay: Annotated[float, Spec("age of a global_pose when it arrives", "s", 0.0, 1.0)] = 0.1
+    global_pose_sigma_xy: Annotated[float, Spec("standard deviation of x and y of global_pose", "m", 1e-4, 10.0)] = 0.03
+    global_pose_sigma_yaw: Annotated[
+        float, Spec("standard deviation of the heading of global_pose", "rad", 1e-4, math.pi)
+    ] = 0.03
     pose_correlation: Annotated[
-        float, Spec("how long its errors last; 0: each pose has a new one", "s", 0.0, 1000.0)
+        float, Spec("correlation time of the errors of global_pose; 0: independent errors", "s", 0.0, 1000.0)
     ] = 0.0
     xy_goal_tolerance: Annotated[float, Spec("distance from the goal that counts as reached", "m", *LENGTH)] = 0.1
     yaw_goal_tolerance: Annotated[float, Spec("heading error that counts as reached", "rad", *ANGLE)] = 0.1
 
     def check(self) -> None:
-        """Refuse poses that come more often than the odometry, which the plant cannot simulate.
+        """Check that the rate of global_pose does not exceed the rate of odom, which the plant cannot simulate.
 
         Raises:
-            InvalidValueError: if they do.
+            InvalidValueError: if it does.
         """
         if self.fix_rate > self.odometry_rate:
             raise InvalidValueError("fix_rate", self.fix_rate, f"<= odometry_rate, {self.odometry_rate:g}")
@@ -136,11 +138,11 @@ PRESETS = {
         pose_correlation=10.0, xy_goal_tolerance=0.15, yaw_goal_tolerance=0.2,
     ),
 }  # fmt: skip
-"""Robots to start from: those of TurtleBot's data sheets, and two typical ones."""
+"""Robots to start from: two TurtleBots by their data sheets, and two typical robots."""
 
 
 def file_of_robot(robot: RobotDescription, name: str = "my_robot.yaml") -> str:
-    """Return the text of a robot's parameter file, with the data sheet once; ``name`` is that of the file."""
+    """Return the text of a robot's parameter file; ``name`` is the name of the file."""
     rim_speed = max(robot.linear_x_max_velocity, 0.5 * robot.angular_z_max_velocity * robot.wheel_separation)
     correlation = math.exp(-1.0 / (robot.fix_rate * robot.pose_correlation)) if robot.pose_correlation else 0.0
     values = {

@@ -1,4 +1,4 @@
-"""Simulated drives of a robot: whether its description is right, and how it would answer goals."""
+"""Simulated drives of a robot, to check its description and to show how it reaches goals."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import Uncertainty
 from diffbot_sim.simulation import Drive
 from diffbot_tools.bringup import REQUIRED
-from diffbot_tools.robot import Robot, make_robot
+from diffbot_tools.robot import RobotConfig, make_robot
 
 GOALS = {
     "2 m ahead": (2.0, 0.0, 0.0),
@@ -26,28 +26,28 @@ GOALS = {
 }
 """Goals [m, m, rad] of the trial drives, in the frame of the robot at its start."""
 _RESTING_TIME, _SLOW = 60.0, 5.0
-"""[s] for which the robot stands still; time from which on the wait for a certain pose is reported"""
+"""[s] duration of the simulation at rest, and longest time until the pose is certain that is not reported as slow"""
 _ALIKE = 1.5
-"""ratio up to which two statements of one deviation agree"""
-_WIDER = tuple(1.2**number for number in range(1, 9))
-"""multiples of the smallest possible tolerance that are tried"""
+"""Two values of a standard deviation agree if their ratio is not larger."""
+_FACTORS = tuple(1.2**number for number in range(1, 9))
+"""Multiples of the smallest possible tolerance that are tried."""
 FAR, SHORT = "far", "short"
 _FAR_TIME, _SHORT_TOLERANCES = (2.0, 12.0), (1.0, 5.0)
-"""[s] at full speed to a far goal; distance of a short goal in tolerances"""
+"""distance of a far goal in [s] at full speed, and of a short goal in tolerances"""
 _DRAWN = 12
-"""drives in the picture"""
+"""largest number of drives in the picture"""
 
 
-def check(robot: Robot) -> int:
-    """Print how trial drives end, and what is missing, contradictory or slow.
+def check(robot: RobotConfig) -> int:
+    """Print how the trial drives end, and everything in the description that is missing, contradictory or slow.
 
     Returns:
-        0, or 1 if something is missing or contradictory, or a goal is not reached.
+        Exit status: 0, or 1 if something is missing or contradictory, or a goal is not reached.
     """
     texts = [f"missing: {text}" for text in missing(robot)]
     texts += [f"contradiction: {text}" for text in contradictions(robot)]
     uncertainty, known = at_rest(robot)
-    print(f"pose at rest: {uncertainty.xy:.3f} m and {uncertainty.theta:.3f} rad (one deviation)")
+    print(f"pose at rest: {uncertainty.xy:.3f} m and {uncertainty.theta:.3f} rad (one standard deviation)")
     is_missed = False
     for name, drive in trial_drives(robot):
         is_missed = is_missed or not drive.is_reached
@@ -55,27 +55,27 @@ def check(robot: Robot) -> int:
     if is_missed:
         texts.append(f"not reached: {wider_tolerances(robot, uncertainty)}")
     elif known > _SLOW and isinstance(robot.controller.supervisor.controller, SwitchingConfig):
-        print(f"slow: the pose is certain enough for an answer only after {known:.0f} s: wider tolerances")
+        print(f"slow: the pose is certain enough to reach a goal only after {known:.0f} s: set wider tolerances")
     print(*texts, sep="\n", end="\n" * bool(texts))
     return int(bool(texts))
 
 
-def missing(robot: Robot) -> Iterator[str]:
-    """Yield what the file must state and does not."""
+def missing(robot: RobotConfig) -> Iterator[str]:
+    """Yield parameters that the file must set but does not, each with the reason."""
     for name in ("wheel_radius", "wheel_separation", *REQUIRED):
         if name not in robot.given["controller"]:
-            yield f"{name} of the controller: a robot is not driven without its data sheet"
+            yield f"{name} of the controller: the law needs the data sheet of the robot"
     if "command_latency" not in robot.given["controller"]:
-        yield "command_latency of the controller: a wrong one is the usual reason for swinging at the goal"
+        yield "command_latency of the controller: a wrong latency is the usual reason for oscillation at the goal"
     for name in ("global_pose_sigma_xy", "global_pose_sigma_yaw"):
         if name not in robot.given["ekf"] and robot.plant.world.sensors.fix_rate > 0.0:
             yield f"{name} of the ekf: a global_pose without covariance is dropped"
     if not any(name.startswith(("eps_", "fix_", "landmark_")) for name in robot.given["plant"]):
-        yield "sensors of the plant: the simulation has those of the paper, which are wrong by up to 0.3 m"
+        yield "sensors of the plant: by default the paper's, whose poses are wrong by up to 0.3 m"
 
 
-def contradictions(robot: Robot) -> Iterator[str]:
-    """Yield statements that cannot be true together."""
+def contradictions(robot: RobotConfig) -> Iterator[str]:
+    """Yield values of the description that contradict each other."""
     supervisor, world, noise = robot.controller.supervisor, robot.plant.world, robot.ekf.noise
     sheet, plant, sensors = robot.data_sheet, world.plant, world.sensors
     equal = {
@@ -85,34 +85,34 @@ def contradictions(robot: Robot) -> Iterator[str]:
             "ekf": robot.ekf.wheels.wheel_separation,
         },
         "wheel_radius [m]": {"controller": sheet.wheels.wheel_radius, "plant": plant.wheels.wheel_radius},
-        "dead time [s]": {"controller": sheet.command_latency, "plant": plant.command_delay},
+        "command_latency [s]": {"controller": sheet.command_latency, "plant": plant.command_delay},
         "drive_time_constant [s]": {"controller": sheet.drive_time_constant, "plant": plant.drive_time_constant},
     }
     limits = [
         ("two periods of odom", 2.0 * plant.sampling_time, supervisor.pose_timeout, "pose_timeout is"),
         ("linear.x.max_velocity", sheet.v_max, rim_speed(sheet), "wheel.max_velocity allows"),
-        ("linear.x.max_acceleration", sheet.a_max, plant.acceleration_max, "the plant does"),
-        ("angular.z.max_acceleration", sheet.omega_dot_max, plant.angular_acceleration_max, "the plant does"),
+        ("linear.x.max_acceleration", sheet.a_max, plant.acceleration_max, "the plant allows"),
+        ("angular.z.max_acceleration", sheet.omega_dot_max, plant.angular_acceleration_max, "the plant allows"),
     ]
     for name, values in equal.items():
         if len(set(values.values())) > 1:
             yield f"{name}: " + ", ".join(f"{node} {value:g}" for node, value in values.items())
-    for name, required, allowed, who in limits:
+    for name, required, allowed, source in limits:
         if allowed < 0.999 * required:  # wheel.max_velocity is rounded
-            yield f"{name} = {required:.3g}: {who} {allowed:.3g} only"
+            yield f"{name} = {required:.3g}: {source} only {allowed:.3g}"
     for name, simulated, stated in (
         ("global_pose_sigma_xy", sensors.eps_xy_max / math.sqrt(3.0), noise.global_pose_sigma_xy),
         ("global_pose_sigma_yaw", sensors.eps_theta_max / math.sqrt(3.0), noise.global_pose_sigma_yaw),
     ):
         if stated and not stated / _ALIKE <= simulated <= stated * _ALIKE:
-            yield f"{name} = {stated:g}: the plant's poses have {simulated:.3g}"
+            yield f"{name} = {stated:g}: the poses of the plant have {simulated:.3g}"
 
 
-def at_rest(robot: Robot) -> tuple[Uncertainty, float]:
+def at_rest(robot: RobotConfig) -> tuple[Uncertainty, float]:
     """Simulate the robot at rest for a minute.
 
     Returns:
-        The uncertainty of its pose at the end, and the time [s] from which on the pose is certain enough for a goal to
+        The uncertainty of the pose at the end, and the time [s] after which the pose is certain enough for a goal to
         count as reached; inf if it never is.
     """
     simulation, scale = robot.simulation(), robot.controller.supervisor.uncertainty_scale
@@ -127,19 +127,19 @@ def at_rest(robot: Robot) -> tuple[Uncertainty, float]:
     return uncertainty, known
 
 
-def trial_drives(robot: Robot) -> Iterator[tuple[str, Drive]]:
-    """Yield a drive to each of GOALS with its name, each with its own noise."""
+def trial_drives(robot: RobotConfig) -> Iterator[tuple[str, Drive]]:
+    """Yield the name of each of GOALS and a drive to it; each drive has its own noise."""
     for seed, (name, goal) in enumerate(GOALS.items(), 1):
         simulation = robot.simulation(seed)
         yield name, simulation.drive(out_of_frame(Pose(*goal), simulation.truth))
 
 
-def wider_tolerances(robot: Robot, uncertainty: Uncertainty) -> str:
-    """Return the first tolerances with which all trial drives reach their goals, as lines of a file."""
+def wider_tolerances(robot: RobotConfig, uncertainty: Uncertainty) -> str:
+    """Return a text with wider tolerances that let all trial drives reach their goals, as small as possible."""
     given = robot.tolerance.xy_goal_tolerance, robot.tolerance.yaw_goal_tolerance
     names = "xy_goal_tolerance", "yaw_goal_tolerance"
     smallest = smallest_tolerance(robot.tolerance, uncertainty)
-    for factor in _WIDER:
+    for factor in _FACTORS:
         wider = {name: max(old, _up(factor * new)) for name, old, new in zip(names, given, smallest, strict=True)}
         changed = make_robot(robot.name, robot.given | {"controller": robot.given["controller"] | wider})
         if all(drive.is_reached for _, drive in trial_drives(changed)):
@@ -149,13 +149,13 @@ def wider_tolerances(robot: Robot, uncertainty: Uncertainty) -> str:
 
 
 def _up(value: float) -> float:
-    """Round up to two digits."""
+    """Return the value rounded up to two digits."""
     unit = 10.0 ** (math.floor(math.log10(value)) - 1)
     return round(math.ceil(value / unit) * unit, 9)
 
 
-def trials(robot: Robot, goals: int, seed: int) -> Iterator[tuple[str, Drive]]:
-    """Drive to ``goals`` random goals one after the other, FAR and SHORT ones in turn; ``seed`` names all noise."""
+def trials(robot: RobotConfig, goals: int, seed: int) -> Iterator[tuple[str, Drive]]:
+    """Yield kind and drive for each of ``goals`` random goals, FAR and SHORT in turn; ``seed`` sets the noise."""
     generator, simulation = np.random.default_rng(seed), robot.simulation(seed)
     units = {FAR: min(robot.data_sheet.v_max, 10.0), SHORT: robot.tolerance.xy_goal_tolerance}
     for number in range(goals):
@@ -166,8 +166,8 @@ def trials(robot: Robot, goals: int, seed: int) -> Iterator[tuple[str, Drive]]:
         yield kind, simulation.drive(Pose(float(here.x + x), float(here.y + y), wrap_angle(float(heading))))
 
 
-def summary(robot: Robot, found: list[tuple[str, Drive]]) -> str:
-    """Lay out for a terminal how many goals were answered, when, and how near the robot truly was."""
+def summary(robot: RobotConfig, found: list[tuple[str, Drive]]) -> str:
+    """Return a table of the reached goals, the durations and the true errors."""
     tolerance = robot.tolerance
     head = f"{'goals':<7}{'reached':>10}{'falsely':>9}{'time [s]: median':>18}{'longest':>9}"
     head += f"{'of the ideal':>14}{'error [m]: median':>19}{'largest':>9}{'[deg]: largest':>16}"
@@ -186,39 +186,39 @@ def summary(robot: Robot, found: list[tuple[str, Drive]]) -> str:
         )
     within = f"{tolerance.xy_goal_tolerance:g} m and {tolerance.yaw_goal_tolerance:g} rad"
     lines.append(f"falsely: reached, but the true pose is not within {within} of the goal")
-    lines.append("ideal: turn, drive straight on, turn, each as fast as the data sheet allows (median of the ratios)")
+    lines.append("ideal: turn, drive straight, turn, each as fast as the data sheet allows (median of the ratios)")
     missed = [one for _, one in found if not one.is_reached]
     return "\n".join([*lines, *(f"{one.end} after {one.duration:.0f} s: {one.reason}" for one in missed[:5])])
 
 
-def median_share(robot: Robot, drives: list[Drive]) -> float:
-    """Return the median of the drives' durations over the least times to turn, drive straight on and turn."""
+def median_share(robot: RobotConfig, drives: list[Drive]) -> float:
+    """Return the median ratio of the duration of a drive to the shortest time to turn, drive straight and turn."""
     return float(np.median([one.duration / _ideal_time(one, robot.data_sheet) for one in drives]))
 
 
 def _ideal_time(drive: Drive, sheet: DataSheet) -> float:
-    """Return the shortest time [s] to turn, drive straight on, forwards or backwards, and turn again."""
+    """Return the shortest time [s] to turn, drive straight, forwards or backwards, and turn again."""
     x, y, theta = into_frame(Pose(*drive.truth[0].tolist()), drive.goal)
     distance, (speed, rate) = math.hypot(x, y), fastest(sheet)
     times = []
     for heading in (math.atan2(-y, -x), math.atan2(y, x)):
         first = wrap_angle(heading - theta) if distance > 0.0 else 0.0
-        turns = (_least_time(abs(turn), rate, sheet.omega_dot_max) for turn in (first, wrap_angle(-theta - first)))
-        times.append(sum(turns) + _least_time(distance, speed, sheet.a_max))
+        turns = (_shortest_time(abs(turn), rate, sheet.omega_dot_max) for turn in (first, wrap_angle(-theta - first)))
+        times.append(sum(turns) + _shortest_time(distance, speed, sheet.a_max))
     return min(times)
 
 
-def _least_time(way: float, speed: float, acceleration: float) -> float:
-    """Return the shortest time [s] from rest to rest over ``way`` [m] or [rad], with bounds of the derivatives."""
+def _shortest_time(distance: float, speed: float, acceleration: float) -> float:
+    """Return the shortest time [s] from rest to rest over a distance [m] or angle [rad] within these limits."""
     if acceleration == math.inf:
-        return way / speed
-    if way * acceleration >= speed * speed:
-        return way / speed + speed / acceleration
-    return 2.0 * math.sqrt(way / acceleration)
+        return distance / speed
+    if distance * acceleration >= speed * speed:
+        return distance / speed + speed / acceleration
+    return 2.0 * math.sqrt(distance / acceleration)
 
 
 def save_picture(found: list[tuple[str, Drive]], path: Path) -> None:
-    """Draw the first drives of a trial.
+    """Draw the first drives.
 
     Raises:
         OSError: if the picture cannot be written.

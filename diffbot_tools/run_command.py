@@ -1,4 +1,4 @@
-"""The command ``diffbot run``: one node, or several in one process on one executor."""
+"""The command ``diffbot run``: run one node, or several nodes in one process on one executor."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from diffbot_core.launcher import end_on_signals
 
 
 class Entry(NamedTuple):
-    """Where a node is found; nothing of it is imported before it runs."""
+    """Module and factory of a node; the module is imported when the node runs."""
 
     module: str
     factory: str
-    """name in the module: called without arguments, it returns a node or an iterator over nodes"""
+    """name of a function in the module that returns a node, or an iterator over the ``members``"""
     members: tuple[str, ...] = ()
-    """names of the nodes, if they are several"""
+    """names of the nodes, if the factory returns several"""
 
 
 NODES = {
@@ -30,21 +30,21 @@ NODES = {
     "replay": Entry("diffbot_bag.replay_node", "ReplayNode"),
     "recorder": Entry("diffbot_bag.recorder_node", "RecorderNode"),
 }
-"""In the order in which they start and stop in one process: the bag is closed when all others have ended."""
+"""Nodes in the order in which they start and stop in one process: the recorder closes its bag last."""
 
 _LOCKSTEP = {
     "cmd_vel_type:=twist_stamped": {"controller", "dock_controller", "plant"},
     "publish_when_idle:=true": {"controller", "dock_controller"},
     "reliable_inputs:=true": {"ekf", "controller", "dock_ekf", "dock_controller"},
 }
-"""Parameters for lock-step, and the nodes that have them."""
+"""Parameters that lock-step requires, and the nodes that have each parameter."""
 
 
 def add_run(commands: Any) -> None:
     """Add ``diffbot run`` to the subparsers of the command line."""
     run = commands.add_parser(
         "run",
-        help="run one node, or several in one process, as ros2 run does",
+        help="run one node, or several nodes in one process, as ros2 run does",
         description="Run nodes in this process until a signal, or until one of them ends.",
     )
     run.add_argument("node", choices=sorted(NODES))
@@ -68,11 +68,10 @@ def add_run(commands: Any) -> None:
 
 
 def run_nodes(names: list[str], ros_args: list[str]) -> int:
-    """Run the nodes in one process; return its exit status.
+    """Run the nodes in this process; return the exit status.
 
     Raises:
-        DiffbotError: if a node is named twice, by itself or as a part of another, or the controller lacks the limits of
-            its robot.
+        DiffbotError: if a node is given twice, such as ekf and robot, or the controller lacks the limits of its robot.
     """
     members = [member for name in names for member in NODES[name].members or (name,)]
     for member in members:
@@ -81,11 +80,11 @@ def run_nodes(names: list[str], ros_args: list[str]) -> int:
                 "--with", " ".join(names[1:]), sentence=f"each node may appear only once; {member} appears twice"
             )
     if any(word.endswith("clock:=lockstep") for word in ros_args):
-        # Every step waits for its messages: none may be lost, and each needs an answer, whose stamp names the step.
+        # In lock-step a lost message would stop the graph, and the stamp of each command names its step.
         given = [value for value, nodes in _LOCKSTEP.items() if nodes.intersection(members)]
         ros_args = [*(word for one in given for word in ("-p", one)), *ros_args]
     end_on_signals(0)
-    # By name, here and below: the command line can be imported without ROS and starts without heavy libraries.
+    # By name, here and below: the command line must start without ROS and heavy libraries.
     if "controller" in members:
         importlib.import_module("diffbot_tools.bringup").check_limits(members, ros_args)
     entries = [entry for name, entry in NODES.items() if name in names]

@@ -25,7 +25,7 @@ from diffbot_lab.stability.runs import uniform_starts
 from diffbot_sim.batch import Starts, run_histories
 from diffbot_sim.plant import integrate
 from diffbot_sim.robot_step import Case
-from diffbot_tools.robot import Robot
+from diffbot_tools.robot import RobotConfig
 
 Array = NDArray[np.float64]
 
@@ -61,12 +61,12 @@ class KeptShare(NamedTuple):
     high: float
 
 
-def farthest_start(robot: Robot) -> float:
+def farthest_start(robot: RobotConfig) -> float:
     """Return the distance [m] within which runs of a robot start: 12 s at full speed, at most 12 m."""
     return float(_FAR * min(1.0, robot.controller.supervisor.controller.data_sheet.v_max))
 
 
-def runs_of_robot(robot: Robot, count: int, seed: int) -> RobotRuns:
+def runs_of_robot(robot: RobotConfig, count: int, seed: int) -> RobotRuns:
     """Return runs of a robot's own simulation to one goal.
 
     Raises:

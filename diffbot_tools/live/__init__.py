@@ -1,1 +1,1 @@
-"""A look at a running robot: each input and output in one line, with what to do."""
+"""The command ``diffbot check``: observe a running robot and print one line for each input, output and node."""

@@ -1,8 +1,8 @@
-"""Judges what was observed of each topic: one line with its facts, and what to do. Free of ROS."""
+"""The report of ``diffbot check``: for each topic and node, the facts, and what to do. Free of ROS."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 from diffbot_control.ros.sensors import DockSensor, FixSensor, LandmarkSensor
@@ -11,32 +11,30 @@ from diffbot_core.endpoints import (
     TWIST,
     TYPE_WORDS,
     Endpoint,
-    bases,
     command_problem,
     followed_type,
     input_problem,
     is_observer,
-    qos_mismatch,
 )
-from diffbot_tools.live.streams import COMMANDS, ODOMETRY_TOPICS, Stream, Streams
+from diffbot_tools.live.streams import COMMANDS, SIMULATED_CLOCK, Stream, Streams
 
 _MAX_AHEAD, _MAX_BEHIND = 0.1, 1.0
-"""[s] by which stamps may be ahead of the clock, which no measurement can be, and behind it"""
+"""[s] largest times by which stamps may be ahead of the clock and behind the clock; no measurement is ahead"""
 _MAX_REPEATED = 0.2
-"""share of messages without a later stamp"""
+"""largest share of messages without a later stamp"""
 
 
 class TopicGraph(NamedTuple):
-    """Endpoints of one topic."""
+    """Publishers and subscriptions of one topic."""
 
     topic: str
-    """its full name"""
-    types: tuple[str, ...]
-    """of its messages that are possible"""
+    """full name"""
+    type: str = ""
+    """type of an input that the ekf reads"""
     publishers: Sequence[Endpoint] = ()
     subscriptions: Sequence[Endpoint] = ()
     elsewhere: Collection[str] = ()
-    """other topics of the same type, that are published (of an input), or subscribed (of the commands)"""
+    """other topics of the same type: published topics for an input, subscribed topics for the commands"""
 
     @property
     def is_latched(self) -> bool:
@@ -44,81 +42,212 @@ class TopicGraph(NamedTuple):
         return any(one.is_latched for one in self.publishers)
 
 
-class Robot(NamedTuple):
-    """What is known about the nodes of the robot."""
+class ObservedRobot(NamedTuple):
+    """Running nodes of the robot, and their parameters."""
 
     ekf: str = ""
-    """full name of the node; empty: it does not run"""
+    """full name of the node; empty if the node does not run"""
     controller: str = ""
+    """full name of the node; empty if the node does not run"""
     cmd_vel_type: str = AUTO
     pose_timeout: float = 0.5
     """[s]"""
     use_sim_time: Mapping[str, bool] = {}
-    """by the full name of the node"""
+    """parameter of each node that has answered, by the full name of the node"""
 
 
 class Line(NamedTuple):
-    """One topic or node: what was observed, and what has to be done."""
+    """The report about one topic or node."""
 
     name: str
     facts: tuple[str, ...] = ()
     todo: tuple[str, ...] = ()
+    """faults, each with what to do"""
     notes: tuple[str, ...] = ()
-    """what a user may want to know, without a need to do something"""
+    """information that requires no action"""
 
     def text(self) -> str:
-        """Return the line."""
+        """Return the line, with its faults and notes below."""
         mark = "TO DO" if self.todo else "note " if self.notes else "ok   "
-        return f"{mark} {self.name}{': ' * bool(self.facts)}{', '.join(self.facts)}" + "".join(
-            f"\n      {one}" for one in self.todo + self.notes
+        head = f"{mark} {self.name}{': ' * bool(self.facts)}{', '.join(self.facts)}"
+        return "\n      ".join((head, *self.todo, *self.notes))
+
+
+def input_lines(
+    graphs: Mapping[str, TopicGraph], streams: Streams, robot: ObservedRobot, duration: float
+) -> list[Line]:
+    """Return a line for each input of the ekf that is used or published; the odometry comes first.
+
+    Args:
+        graphs: publishers and subscriptions, by the name that the ekf gives the topic.
+        streams: received messages.
+        robot: running nodes.
+        duration: [s] duration of the check.
+    """
+    source, sensors = streams.config.odometry_source, streams.sensors
+    fixes = [name for name, one in sensors.items() if isinstance(one, FixSensor | LandmarkSensor | DockSensor)]
+    required = {source, *(["imu"] if "imu" in sensors else [])}
+    if not any(streams.stream(name).arrivals for name in fixes):
+        required.update(fixes)
+    names = [source, *(name for name in graphs if name != source)]
+    # The ekf reads only one of odom and joint_states.
+    unused = {"odom", "joint_states"} - {source, *sensors}
+    shown = [name for name in names if name not in unused and (name in required or graphs[name].publishers)]
+    return [_input_line(name, graphs[name], streams, robot, duration) for name in shown]
+
+
+def _input_line(name: str, graph: TopicGraph, streams: Streams, robot: ObservedRobot, duration: float) -> Line:
+    stream, source, faults = streams.stream(name), streams.config.odometry_source, streams.faults()
+    ekf = Endpoint("/ekf", graph.type, streams.config.reliable_inputs)
+    is_subscribed = any(one.node == robot.ekf for one in graph.subscriptions)
+    todo = unmatched(graph, graph.subscriptions if is_subscribed else [*graph.subscriptions, ekf])
+    if not stream.arrivals and not todo:
+        todo.append(f"no message was received from {_nodes(graph.publishers)}: look at its log and its device")
+    todo += stream_problems(graph.topic, stream, is_latched=graph.is_latched)
+    todo += [faults[name]] if name in faults else []
+    if name == source:
+        # Faults between two inputs, such as wheels and gyro, belong to the odometry.
+        todo += [text for key, text in faults.items() if key not in streams.sensors and key != source]
+        if stream.gap > robot.pose_timeout:
+            todo.append(
+                f"the longest gap between two messages is {stream.gap:.2f} s, and the robot is stopped after "
+                f"pose_timeout = {robot.pose_timeout:g} s: publish at 10 Hz or more, or raise pose_timeout"
+            )
+    if name == source == "odom":
+        todo += too_many_publishers(graph, "measure the motion")
+    notes = [stream.note] if stream.note else []
+    if name not in streams.sensors and name != source:
+        notes.insert(0, "the ekf does not use it" + (": set use_gyro" if name == "imu" else ""))
+    return Line(graph.topic, facts_of(graph, stream, duration), tuple(dict.fromkeys(todo)), tuple(notes))
+
+
+def output_lines(
+    graphs: Mapping[str, TopicGraph], streams: Streams, robot: ObservedRobot, duration: float
+) -> list[Line]:
+    """Return a line for each output; the arguments are the same as of :func:`input_lines`."""
+    lines = []
+    for name, graph in graphs.items():
+        facts, todo = facts_of(graph, streams.stream(name), duration), too_many_publishers(graph, "publish it")
+        if name == COMMANDS:
+            todo += _command_problems(graph, streams, robot)
+        elif graph.publishers:
+            todo += unmatched(graph, graph.subscriptions)
+        else:
+            facts = ("no node publishes it yet",)
+        lines.append(Line(graph.topic, facts, tuple(todo)))
+    return lines
+
+
+def _command_problems(graph: TopicGraph, streams: Streams, robot: ObservedRobot) -> list[str]:
+    own = next((one for one in graph.publishers if one.node == robot.controller), None)
+    if own is None:
+        # The publisher that the controller will have when it is started.
+        types = {word: name for name, word in TYPE_WORDS.items()}
+        own = Endpoint(
+            "/controller", types.get(robot.cmd_vel_type) or followed_type(TWIST, graph.subscriptions), is_reliable=True
         )
+    problem = command_problem(graph.topic, own, graph.subscriptions, graph.elsewhere) or streams.command_fault()
+    return [problem] if problem else []
+
+
+def clock_lines(graph: TopicGraph, streams: Streams, robot: ObservedRobot) -> list[Line]:
+    """Return a line for /clock if it is published or its use is at fault; ``graph`` has its publishers."""
+    todo, clocks = too_many_publishers(graph, "own time"), streams.clocks()
+    inputs = [name for name in (streams.config.odometry_source, *streams.sensors) if name in clocks]
+    is_simulated = dict(robot.use_sim_time) | {
+        f"the source of {name}": clocks[name] == SIMULATED_CLOCK for name in inputs
+    }
+    simulated = ", ".join(name for name, one in is_simulated.items() if one)
+    real = ", ".join(name for name, one in is_simulated.items() if not one)
+    if simulated and not graph.publishers:
+        todo.append(f"{simulated} set use_sim_time, but no node publishes /clock: start the simulation, or unset it")
+    elif simulated and real:
+        todo.append(
+            f"{simulated} follow /clock, but {real} follow the system clock: set use_sim_time in all nodes or in none"
+        )
+    if not todo and not graph.publishers:
+        return []
+    return [Line(graph.topic, (f"from {_nodes(graph.publishers)}",), tuple(todo))]
+
+
+def node_lines(
+    states: Mapping[str, tuple[int, str]], copies: Mapping[str, int], unread: Collection[str], todo: Collection[str]
+) -> list[Line]:
+    """Return a line for each of the robot's nodes.
+
+    Args:
+        states: level and message in /diagnostics, by the full name of the node.
+        copies: number of nodes with each full name.
+        unread: nodes whose parameters could not be read.
+        todo: faults of the other lines, which are not repeated.
+    """
+    lines = []
+    for name, count in copies.items():
+        level, message = states.get(name, (0, "runs, but publishes no /diagnostics" if count else "does not run"))
+        state, *parts = message.split("; ")
+        problems = [one for one in parts if level and one != "ok" and "messages dropped in the last" not in one]
+        new = [one for one in problems if not any(_cause(one) in text for text in todo)]
+        if count > 1:
+            new.insert(0, f"{count} nodes have this name: end all but one (ps, or ros2 node list)")
+        notes = [] if count else [f"start it: diffbot run {name.rpartition('/')[2]}, or both: diffbot run robot"]
+        if name in unread:
+            notes.append(
+                "its parameters could not be read; the parameter file or the defaults were assumed: check again"
+            )
+        lines.append(Line(name, (state,), tuple(new), tuple(notes)))
+    return lines
+
+
+def _cause(problem: str) -> str:
+    """Return the cause in a problem of /diagnostics: ``wrong frame_id`` in ``drops odom: wrong frame_id``."""
+    return problem.rpartition("drops ")[2].split(": ", 1)[-1]
 
 
 def facts_of(graph: TopicGraph, stream: Stream, duration: float) -> tuple[str, ...]:
     """Return type, rate, latency, clock, frames, covariance, publishers and subscribers of a topic in words."""
-    count = len(stream.arrivals)
-    types = sorted({one.short_type for one in graph.publishers})
-    facts = ["/".join(types), f"{stream.rate:.1f} Hz" if count > 1 else f"{count} messages in {duration:.0f} s"]
-    clock, age = stream.clock()
+    count, (clock, age) = len(stream.arrivals), stream.clock()
+    facts = [
+        "/".join(sorted({one.short_type for one in graph.publishers})),
+        f"{stream.rate:.1f} Hz" if count > 1 else f"{count} messages in {duration:.0f} s",
+    ]
     if clock:
         facts += [f"latency {age:.3f} s" if abs(age) < 1.0 else f"latency {age:.1f} s", clock]
-    facts += [" and ".join(map(repr, stream.frames)) if any(stream.frames) else "", stream.covariance]
-    facts += ["latched"] if graph.is_latched else []
-    for word, ends in (("from", graph.publishers), ("to", graph.subscriptions)):
-        names = sorted({one.node for one in ends if word == "from" or not is_observer(one.node)})
-        facts.append(f"{word} {', '.join(names) or 'nobody'}")
+    facts += [
+        " and ".join(map(repr, stream.frames)) if any(stream.frames) else "",
+        stream.covariance,
+        "latched" if graph.is_latched else "",
+        f"from {_nodes(graph.publishers)}",
+        f"to {_nodes(one for one in graph.subscriptions if not is_observer(one.node))}",
+    ]
     return tuple(filter(None, facts))
 
 
-def mismatches(graph: TopicGraph) -> list[str]:
-    """Return which subscription receives nothing from which publisher, because of type or quality of service."""
-    found = []
-    for one in graph.publishers:
-        for other in graph.subscriptions:
-            policy, request = qos_mismatch(one, other)
-            if is_observer(other.node):
-                continue
-            if one.type != other.type:
-                found.append(
-                    f"{one.node} publishes {graph.topic} as {one.short_type}, {other.node} subscribes to it as "
-                    f"{other.short_type}: convert one of them, or remap it"
-                )
-            elif policy and not (policy == "durability" and one.node == other.node):
-                found.append(
-                    f"{one.node} does not publish {graph.topic} as {request}, which {other.node} requests: change the "
-                    f"{policy} of one of them"
-                )
-    return list(dict.fromkeys(found))
+def _nodes(endpoints: Iterable[Endpoint]) -> str:
+    return ", ".join(sorted({one.node for one in endpoints})) or "nobody"
+
+
+def unmatched(graph: TopicGraph, subscriptions: Iterable[Endpoint]) -> list[str]:
+    """Return why subscriptions of nodes other than observers receive nothing, each reason once."""
+    robots = [one for one in subscriptions if not is_observer(one.node)]
+    problems = [input_problem(graph.topic, one, graph.publishers, graph.elsewhere) for one in robots]
+    return list(dict.fromkeys(filter(None, problems)))
+
+
+def too_many_publishers(graph: TopicGraph, role: str) -> list[str]:
+    """Return a fault if a topic has several publishers; ``role`` completes "only one may"."""
+    count = len(graph.publishers)
+    if count < 2:
+        return []
+    return [f"{count} publishers, only one may {role}: end or remap all but one of {_nodes(graph.publishers)}"]
 
 
 def stream_problems(name: str, stream: Stream, *, is_latched: bool) -> list[str]:
-    """Return what the messages of an input show by themselves; a latched message may be old."""
+    """Return the faults that the messages of an input show; the messages of a latched topic may be old."""
     count, found = len(stream.arrivals), []
     for kind, number in stream.drops.items():
-        text = stream.drop_texts[kind]
-        if "no transform" in kind and number < count:
-            continue  # while transforms arrive
-        found.append(f"the ekf drops {number} of {count} messages: {text}")
+        # Messages are dropped until the first transforms arrive; that is not a fault.
+        if "no transform" not in kind or number == count:
+            found.append(f"the ekf drops {number} of {count} messages: {stream.drop_texts[kind]}")
     if count > 1 and stream.repeated > _MAX_REPEATED * count:
         found.append(
             f"{stream.repeated} of {count} messages have no later stamp than the messages before: end the second "
@@ -133,123 +262,3 @@ def stream_problems(name: str, stream: Stream, *, is_latched: bool) -> list[str]
             "sooner"
         )
     return found
-
-
-def sim_time_problems(robot: Robot, streams: Streams, has_clock: bool) -> list[str]:
-    """Return which nodes and inputs use another clock than the rest."""
-    clocks = {name: stream.clock()[0] == "/clock" for name, stream in streams.streams.items() if stream.ages}
-    inputs = {name: is_simulated for name, is_simulated in clocks.items() if name in _inputs(streams)}
-    users = dict(robot.use_sim_time) | {f"the source of {name}": one for name, one in inputs.items()}
-    simulated, real = ([name for name, one in users.items() if one is wanted] for wanted in (True, False))
-    if simulated and not has_clock:
-        return [
-            f"{', '.join(simulated)} set use_sim_time, but nothing publishes /clock: start the simulation, or unset it"
-        ]
-    if simulated and real:
-        both = f"{', '.join(simulated)} follow /clock, {', '.join(real)} the system clock"
-        return [f"{both}: set use_sim_time in all nodes or in none"]
-    return []
-
-
-def _inputs(streams: Streams) -> list[str]:
-    return [streams.config.odometry_source, *streams.sensors]
-
-
-def input_lines(graphs: Mapping[str, TopicGraph], streams: Streams, robot: Robot, duration: float) -> list[Line]:
-    """Return a line for each input of the ekf that is used or published; the odometry comes first."""
-    config, source = streams.config, streams.config.odometry_source
-    is_simulated = any(stream.clock()[0] == "/clock" for stream in streams.streams.values())
-    faults, lines = streams.faults(is_simulated=is_simulated), []
-    by_topic = {source: [text for key, text in faults.items() if key not in streams.sensors and key != source]}
-    fixes = [name for name, one in streams.sensors.items() if isinstance(one, FixSensor | LandmarkSensor | DockSensor)]
-    has_fixes = any(streams.stream(name).arrivals for name in fixes)
-    for name in (source, *(one for one in graphs if one != source)):
-        graph, stream = graphs[name], streams.stream(name)
-        if name != source and name not in streams.sensors and name in ODOMETRY_TOPICS:
-            continue
-        is_needed = name == source or (name in fixes and not has_fixes) or (name == "imu" and name in streams.sensors)
-        if not is_needed and not graph.publishers:
-            continue
-        facts, todo, notes = facts_of(graph, stream, duration), mismatches(graph), []
-        own = next((one for one in graph.subscriptions if one.node == robot.ekf and robot.ekf), None)
-        own = own or Endpoint("/ekf", graph.types[0], config.reliable_inputs)
-        if text := input_problem(graph.topic, own, graph.publishers, graph.elsewhere):
-            todo.append(text)
-        elif not stream.arrivals:
-            names = ", ".join(sorted({one.node for one in graph.publishers}))
-            todo.append(f"{names} publishes {graph.topic}, but no message came: look at its log and its device")
-        todo += stream_problems(graph.topic, stream, is_latched=graph.is_latched)
-        todo += [faults[name]] if name in faults else []
-        todo += by_topic.get(name, [])
-        if name == source:
-            todo += odometry_problems(graph, stream, robot.pose_timeout)
-        if name not in streams.sensors and name != source:
-            notes.append("the ekf does not use it" + (": set use_gyro" if name == "imu" else ""))
-        notes += [stream.note] if stream.note else []
-        lines.append(Line(graph.topic, facts, tuple(dict.fromkeys(todo)), tuple(notes)))
-    return lines
-
-
-def odometry_problems(graph: TopicGraph, stream: Stream, pose_timeout: float) -> list[str]:
-    """Return what is wrong with rate and number of publishers of the odometry: each message becomes one pose."""
-    found = []
-    if stream.gap > pose_timeout:
-        found.append(
-            f"the longest gap between two messages is {stream.gap:.2f} s, and the robot is stopped after "
-            f"pose_timeout = {pose_timeout:g} s: publish at 10 Hz or more, or raise pose_timeout"
-        )
-    if len(graph.publishers) > 1 and graph.topic.rpartition("/")[2] == "odom":
-        names = ", ".join(sorted(one.node for one in graph.publishers))
-        found.append(f"{len(graph.publishers)} publishers, only one may measure the motion: end one of {names}")
-    return found
-
-
-def output_lines(graphs: Mapping[str, TopicGraph], streams: Streams, robot: Robot, duration: float) -> list[Line]:
-    """Return a line for each output; the commands come last."""
-    lines = []
-    for name, graph in graphs.items():
-        stream = streams.stream(name)
-        facts, todo = facts_of(graph, stream, duration), list[str]()
-        if len(graph.publishers) > 1:
-            names = ", ".join(sorted(one.node for one in graph.publishers))
-            todo.append(f"{len(graph.publishers)} publishers, only one may publish it: end or remap one of {names}")
-        if name == COMMANDS:
-            own = next((one for one in graph.publishers if one.node == robot.controller and robot.controller), None)
-            kind = next((kind for kind, word in TYPE_WORDS.items() if word == robot.cmd_vel_type), TWIST)
-            kind = followed_type(kind, graph.subscriptions) if robot.cmd_vel_type == AUTO else kind
-            text = command_problem(
-                graph.topic, own or Endpoint("/controller", kind), graph.subscriptions, graph.elsewhere
-            )
-            todo += [text or streams.command_fault()] if text or streams.command_fault() else []
-            if not bases(graph.subscriptions) and not robot.controller:
-                facts = ()
-        elif graph.publishers:
-            todo += mismatches(graph)
-        else:
-            facts = ("nobody publishes it yet",)
-        lines.append(Line(graph.topic, facts, tuple(todo)))
-    return lines
-
-
-def node_lines(states: Mapping[str, tuple[int, str]], copies: Mapping[str, int], known: Collection[str]) -> list[Line]:
-    """Return a line for each of the robot's nodes.
-
-    Args:
-        states: level and message in /diagnostics, by the full name of the node.
-        copies: number of nodes with this name.
-        known: what other lines ask for already.
-    """
-    lines = []
-    for name, count in copies.items():
-        level, message = states.get(name, (0, "runs, but publishes no /diagnostics" if count else "does not run"))
-        state, *parts = message.split("; ")
-        parts = [one for one in parts if one != "ok" and "messages dropped in the last" not in one]
-        new = [
-            one for one in parts if not any(one.rpartition("drops ")[2].split(": ", 1)[-1] in text for text in known)
-        ]
-        todo = new if level else []
-        if count > 1:
-            todo.insert(0, f"{count} nodes have this name: end all but one (ps, or ros2 node list)")
-        notes = () if count else (f"start it: diffbot run {name.rpartition('/')[2]}, or both: diffbot run robot",)
-        lines.append(Line(name, (state,), tuple(todo), notes))
-    return lines

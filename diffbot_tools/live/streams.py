@@ -1,7 +1,7 @@
-"""What the messages of a running robot show: rates, clocks, frames, covariances, drops. Free of ROS.
+"""Statistics of the messages of a running robot: rates, clocks, frames, covariances and drops. Free of ROS.
 
-A message is anything with the fields of its type. The rules are those of the ekf: its conversions decide which message
-it would drop, and its InputWatch names faults that no single message shows.
+A message is any object with the fields of its type. Messages are read by the code of the ekf: its conversions decide
+which messages it would drop, and its InputWatch detects faults that no single message shows.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from contextlib import suppress
 from itertools import pairwise
 from typing import Any, NamedTuple
 
-from diffbot_control.filter.odometry import OdometryStep
 from diffbot_control.filter.odometry_check import MIN_RATE, MIN_SPEED, Agreement, with_rates
 from diffbot_control.ros.frames import odometry_frame
 from diffbot_control.ros.input_watch import WINDOW, InputWatch
@@ -25,48 +24,46 @@ from diffbot_core.errors import BadMessageError
 from diffbot_core.kinematics import Twist
 from diffbot_core.stamps import S_PER_NS, StampWatch
 
-ODOMETRY_TOPICS = ("odom", "joint_states")
 COMMANDS = "cmd_vel"
+SYSTEM_CLOCK, SIMULATED_CLOCK = "system clock", "/clock"
 _MAX_STEP = 1.0
-"""[s] between two odometry messages whose rates are compared"""
+"""[s] longest time between two odometry messages whose rates are compared"""
 
 
-class Arrival(NamedTuple):
-    """When a message arrived."""
+class MessageArrival(NamedTuple):
+    """Times at which a message arrived."""
 
     steady: float
     """[s] on the steady clock"""
     system: int
     """[ns] on the system clock of this computer"""
     simulated: int | None = None
-    """[ns] newest time on /clock; None: nothing was received on it"""
+    """[ns] newest time on /clock; None before the first message on /clock"""
 
 
 class Stream:
-    """What the messages of one topic showed."""
+    """The messages of one topic."""
 
     def __init__(self) -> None:
         """Start without a message."""
         self.arrivals: list[float] = []
-        """[s] steady"""
-        self.ages: list[float] = []
-        """[s] between stamp and arrival on the system clock"""
-        self.simulated_ages: list[float] = []
-        """[s] the same on /clock"""
+        """[s] on the steady clock"""
+        self.ages: dict[str, list[float]] = {SYSTEM_CLOCK: [], SIMULATED_CLOCK: []}
+        """[s] time from stamp to arrival, by the clock that measured it"""
         self.frames: Counter[str] = Counter()
         self.covariance = ""
         """covariance of the newest message, in words"""
         self.drops: Counter[str] = Counter()
-        """messages that the ekf drops, by the kind of their error"""
+        """number of messages that the ekf drops, by the kind of their error"""
         self.drop_texts: dict[str, str] = {}
-        """the newest error of each kind, with its details"""
+        """newest error of each kind, with its details"""
         self.note = ""
-        """what the ekf assumes about the messages"""
+        """assumption that the ekf makes about the messages"""
         self.repeated = 0
-        """messages whose stamp is not later than that of all earlier ones"""
+        """number of messages whose stamp is not later than all earlier stamps"""
         self._stamps = StampWatch()
 
-    def add(self, message: Any, arrival: Arrival) -> None:
+    def add(self, message: Any, arrival: MessageArrival) -> None:
         """Add a message of any type."""
         self.arrivals.append(arrival.steady)
         if (header := getattr(message, "header", None)) is None:
@@ -76,9 +73,9 @@ class Stream:
         with suppress(BadMessageError):
             if stamp := stamp_ns(header.stamp):
                 self.repeated += not self._stamps.advances(stamp)
-                self.ages.append((arrival.system - stamp) * S_PER_NS)
+                self.ages[SYSTEM_CLOCK].append((arrival.system - stamp) * S_PER_NS)
                 if arrival.simulated is not None:
-                    self.simulated_ages.append((arrival.simulated - stamp) * S_PER_NS)
+                    self.ages[SIMULATED_CLOCK].append((arrival.simulated - stamp) * S_PER_NS)
 
     def drop(self, error: BadMessageError) -> None:
         """Count a message that the ekf would drop."""
@@ -87,7 +84,7 @@ class Stream:
 
     @property
     def rate(self) -> float:
-        """Messages per second between the first and the newest one; 0 for fewer than two."""
+        """Messages per second between the first and the newest message; 0 for fewer than two messages."""
         time = self.arrivals[-1] - self.arrivals[0] if self.arrivals else 0.0
         return (len(self.arrivals) - 1) / time if time > 0.0 else 0.0
 
@@ -97,17 +94,14 @@ class Stream:
         return max((after - before for before, after in pairwise(self.arrivals)), default=0.0)
 
     def clock(self) -> tuple[str, float]:
-        """Return the clock that stamps the messages, and their median age [s] on it; NaN without stamps."""
-        if not self.ages:
-            return "", math.nan
-        ages = {"system clock": self.ages, "/clock": self.simulated_ages}
-        medians = {name: statistics.median(found) for name, found in ages.items() if found}
-        name = min(medians, key=lambda one: abs(medians[one]))
-        return name, medians[name]
+        """Return the clock that stamps the messages and their median age [s]; an empty text and NaN without stamps."""
+        medians = {clock: statistics.median(ages) for clock, ages in self.ages.items() if ages}
+        # The stamps are closest to the clock that made them.
+        return min(medians.items(), key=lambda item: abs(item[1]), default=("", math.nan))
 
 
 def covariance_text(message: Any) -> str:
-    """Return the standard deviations that the filter would read from a message; empty for a type without covariance."""
+    """Return the standard deviations that the filter reads from a message; empty for a type without covariance."""
     variances: list[tuple[float, str]] = []
     if hasattr(message, "angular_velocity_covariance"):
         variances = [(message.angular_velocity_covariance[8], "rad/s")]
@@ -124,47 +118,58 @@ def covariance_text(message: Any) -> str:
 
 
 class Streams:
-    """The streams of a robot, read as its ekf reads them."""
+    """The messages of all topics of a robot, read as its ekf reads them."""
 
     def __init__(self, config: EkfNodeConfig, transforms: Transforms) -> None:
         """Store the configuration of the ekf and the transforms to the frames of its sensors."""
         self.config = config
         self._inputs = EkfInputs(config, transforms)
         self.sensors = self._inputs.sensors
-        delays = {topic: one.usual_delay for topic, one in self.sensors.items()}
         wheels = config.left_wheel_name, config.right_wheel_name
-        self.watch = InputWatch(config.odometry_source, wheels, delays)
-        self._window_end = math.inf
-        self.streams: dict[str, Stream] = {}
-        self.gyro_turns = Agreement()
-        """of the turn rates of wheels and gyro"""
-        self.speeds, self.turns = Agreement(), Agreement()
-        """of command and odometry"""
-        self.has_moved = False
+        delays = {topic: sensor.usual_delay for topic, sensor in self.sensors.items()}
+        self._watch = InputWatch(config.odometry_source, wheels, delays)
+        self._window_end = -math.inf
+        self._streams: dict[str, Stream] = {}
+        self._gyro_turns = Agreement()
+        """agreement of the turn rates of wheels and gyro"""
+        self._speeds, self._turns = Agreement(), Agreement()
+        """agreement of command and odometry"""
+        self._is_moving = False
+        """True after an odometry whose twist showed a motion"""
         self._gyro: float | None = None
         self._command: Twist | None = None
         self._stamp: int | None = None
 
     def stream(self, name: str) -> Stream:
         """Return the stream of a topic, by the name that the node gives it."""
-        return self.streams.setdefault(name, Stream())
+        return self._streams.setdefault(name, Stream())
 
-    def add(self, name: str, message: Any, arrival: Arrival) -> None:
+    def clocks(self) -> dict[str, str]:
+        """Return the clock of each topic with stamped messages, by the name of the topic."""
+        clocks = {name: stream.clock()[0] for name, stream in self._streams.items()}
+        return {name: clock for name, clock in clocks.items() if clock}
+
+    @property
+    def has_moved(self) -> bool:
+        """True if the odometry has shown a motion, by its twist or its pose."""
+        return self._is_moving or bool(self._watch.odometry.fault())
+
+    def add(self, name: str, message: Any, arrival: MessageArrival) -> None:
         """Add a message."""
         stream = self.stream(name)
         stream.add(message, arrival)
-        if arrival.steady >= self._window_end or self._window_end == math.inf:
+        if arrival.steady >= self._window_end:
             self._window_end = arrival.steady + WINDOW
-            self.watch.clocks.end_window()
+            self._watch.clocks.end_window()
         try:
             if name == self.config.odometry_source or name in self.sensors:
-                # Before other faults: those of the clock are named beside them.
-                self.watch.clocks.add(name, measured_ns(message.header.stamp), arrival.system)
+                # A message that is dropped below still shows a wrong clock.
+                self._watch.clocks.add(name, measured_ns(message.header.stamp), arrival.system)
             if name == COMMANDS:
                 twist = getattr(message, "twist", message)
                 self._command = Twist(twist.linear.x, twist.angular.z)
             elif name == self.config.odometry_source:
-                self._add_odometry(message, arrival)
+                self._add_odometry(message)
             elif name in self.sensors:
                 content = self.sensors[name].read(message)
                 stream.note = content.assumed or stream.note
@@ -172,40 +177,44 @@ class Streams:
         except BadMessageError as error:
             stream.drop(error)
 
-    def _add_odometry(self, message: Any, arrival: Arrival) -> None:
-        step: OdometryStep | None
+    def _add_odometry(self, message: Any) -> None:
         if self.config.odometry_source == "odom":
             step = self._inputs.odometry(message)
             expected = odometry_frame(self.config) if self.config.publish_tf else ""
-            self.watch.receive_frame(message.header.frame_id, expected)
+            self._watch.receive_frame(message.header.frame_id, expected)
             with suppress(BadMessageError):
-                self.watch.odometry.add(step.stamp, pose_of(message.pose.pose), step.twist)
+                self._watch.odometry.add(step.stamp, pose_of(message.pose.pose), step.twist)
         else:
-            step = self._inputs.joint_states(message)
-            self.watch.receive_joints(tuple(message.name), has_wheels=step is not None)
-        if step is None:
-            return
+            wheels = self._inputs.joint_states(message)
+            self._watch.receive_joints(tuple(message.name), has_wheels=wheels is not None)
+            if wheels is None:
+                return
+            step = wheels
         dt = 0.0 if self._stamp is None else (step.stamp - self._stamp) * S_PER_NS
         self._stamp = step.stamp
         v, omega = step.twist.v, step.twist.omega
-        self.has_moved = self.has_moved or abs(v) > MIN_SPEED or abs(omega) > MIN_RATE
+        self._is_moving = self._is_moving or abs(v) > MIN_SPEED or abs(omega) > MIN_RATE
         if not 0.0 < dt < _MAX_STEP:
             return
         if self._gyro is not None:
-            self.gyro_turns = with_rates(self.gyro_turns, dt, omega, self._gyro, MIN_RATE)
+            self._gyro_turns = with_rates(self._gyro_turns, dt, omega, self._gyro, MIN_RATE)
         if self._command is not None:
-            self.speeds = with_rates(self.speeds, dt, self._command.v, v, MIN_SPEED)
-            self.turns = with_rates(self.turns, dt, self._command.omega, omega, MIN_RATE)
+            self._speeds = with_rates(self._speeds, dt, self._command.v, v, MIN_SPEED)
+            self._turns = with_rates(self._turns, dt, self._command.omega, omega, MIN_RATE)
 
-    def faults(self, *, is_simulated: bool) -> dict[str, str]:
-        """Return what InputWatch finds, by the input at fault."""
-        return self.watch.faults(self.gyro_turns, is_simulated=is_simulated)
+    def faults(self) -> dict[str, str]:
+        """Return a text about each fault that InputWatch detects, by the input at fault."""
+        return self._watch.faults(self._gyro_turns, is_simulated=SIMULATED_CLOCK in self.clocks().values())
 
     def command_fault(self) -> str:
         """Return how the odometry contradicts the commands; empty if it does not."""
-        for memory, what in ((self.turns, "turns"), (self.speeds, "drives")):
-            if (kind := memory.contradiction()) == "opposed":
-                return f"the robot {what} against its commands: swap left and right wheel, or the sign of the motors"
+        for memory, verb in ((self._turns, "turn"), (self._speeds, "drive")):
+            kind = memory.contradiction()
+            if kind == "opposed":
+                return (
+                    f"the robot {verb}s in the direction opposite to its commands: swap left and right wheel, or the "
+                    "sign of the motors"
+                )
             if kind == "only_first":
-                return f"the robot is commanded, but no longer {what}: enable the motors, release the emergency stop"
+                return f"the robot is commanded to {verb} but does not: enable the motors, release the emergency stop"
         return ""

@@ -88,7 +88,7 @@ def test_the_command_reports_the_end_in_one_line(driven, arguments, status, text
 def test_a_command_that_waits_for_a_controller_names_those_that_it_sees_and_can_be_interrupted(driven):
     with graph.diffbot("goal", *map(str, FAR), "--controller", "pilot") as interrupted:
         interrupted.wait_for_output("waiting for the controller /pilot on ROS_DOMAIN_ID ")
-        interrupted.wait_for_output("  there is /controller: diffbot goal X Y YAW\n")
+        interrupted.wait_for_output("  /controller is running: diffbot goal X Y YAW\n")
         assert interrupted.stop(signal.SIGINT) == 130
         assert interrupted.output.endswith("interrupted: no goal was sent\n")
 

@@ -1,5 +1,6 @@
-"""The nodes of a launch: that each argument is checked, and reaches those nodes that need it and no other."""
+"""The processes of a launch: each argument is checked, and reaches exactly the nodes that need it."""
 
+import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import pytest
@@ -8,6 +9,7 @@ from diffbot_bag.parameters import RecorderConfig
 from diffbot_control.ros.parameters.controller import ControllerNodeConfig
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.errors import DiffbotError
+from diffbot_core.kinematics import WheelGeometry
 from diffbot_core.schema import build
 from diffbot_sim.parameters import PlantNodeConfig
 from diffbot_tools.bringup import ROBOT, SIMULATION, environment, parse, plan
@@ -19,6 +21,7 @@ CONFIGS = {
     "controller": ControllerNodeConfig,
     "plant": PlantNodeConfig,
 }
+SYSTEM_TIME, SIMULATED_TIME = {"use_sim_time": False}, {"use_sim_time": True}
 
 
 def robot(**texts):
@@ -29,22 +32,14 @@ def simulation(**texts):
     return plan(parse(SIMULATION, {"description": "false", **texts}), ROOT, simulate=True)
 
 
-def executables(nodes):
-    return [node.executable for node in nodes]
-
-
 def parameters(nodes):
     return {node.name: dict(node.parameters) for node in nodes}
 
 
 def test_a_robot_gets_filter_and_controller_and_a_simulation_the_plant_too():
-    assert executables(robot()) == ["ekf_node", "controller_node"]
-    assert executables(simulation()) == ["ekf_node", "controller_node", "plant_node"]
-    assert executables(robot(localization="false")) == ["controller_node"]
-    assert parameters(robot(use_sim_time="true")) == {
-        "ekf": {"use_sim_time": True},
-        "controller": {"use_sim_time": True},
-    }
+    assert list(parameters(robot())) == ["ekf", "controller"]
+    assert list(parameters(simulation())) == ["ekf", "controller", "plant"]
+    assert parameters(robot(localization="false", use_sim_time="true")) == {"controller": SIMULATED_TIME}
 
 
 def test_each_argument_reaches_its_nodes(tmp_path):
@@ -52,50 +47,51 @@ def test_each_argument_reaches_its_nodes(tmp_path):
         preset="paper", cmd_vel_type="twist_stamped", x="1.0", y="2.0", yaw="0.5", seed="3", frame_prefix="r1/",
         autostart="false", bag=str(tmp_path / "run"),
     )  # fmt: skip
-    assert nodes[0].name == "recorder", "it starts first"
-    wall = {"use_sim_time": False}
+    assert nodes[0].name == "recorder", "the recorder must start first"
+    prefix, stamped = {**SYSTEM_TIME, "frame_prefix": "r1/"}, {"cmd_vel_type": "twist_stamped"}
     assert parameters(nodes) == {
-        "recorder": {**wall, "uri": str(tmp_path / "run")},
-        "ekf": {**wall, "frame_prefix": "r1/", "autostart": False},
-        "controller": {
-            **wall, "preset": "paper", "cmd_vel_type": "twist_stamped", "frame_prefix": "r1/", "autostart": False,
-        },
+        "recorder": {**SYSTEM_TIME, "uri": str(tmp_path / "run")},
+        "ekf": {**prefix, "autostart": False},
+        "controller": {**prefix, **stamped, "preset": "paper", "autostart": False},
         "plant": {
-            **wall, "clock": "wall", "cmd_vel_type": "twist_stamped", "frame_prefix": "r1/", "initial_pose.x": 1.0,
-            "initial_pose.y": 2.0, "initial_pose.yaw": 0.5, "seed": 3,
+            **prefix, **stamped, "clock": "wall", "initial_pose.x": 1.0, "initial_pose.y": 2.0, "initial_pose.yaw": 0.5,
+            "seed": 3,
         },
     }  # fmt: skip
     for node in nodes:
         build(CONFIGS[node.name], {name: value for name, value in node.parameters.items() if name != "use_sim_time"})
 
 
-@pytest.mark.parametrize(
-    ("clock", "reliable", "idle", "stamped"),
-    [
-        ("scaled", {}, {}, {}),
-        ("lockstep", {"reliable_inputs": True}, {"publish_when_idle": True}, {"cmd_vel_type": "twist_stamped"}),
-    ],
-)
-def test_all_follow_the_clock_of_the_plant_that_publishes_it(clock, reliable, idle, stamped):
-    assert parameters(simulation(clock=clock, real_time_factor="2")) == {
-        "ekf": {"use_sim_time": True, **reliable},
-        "controller": {"use_sim_time": True, **reliable, **idle, **stamped},
-        "plant": {"use_sim_time": False, "clock": clock, "real_time_factor": 2.0, **stamped},
+def test_all_nodes_follow_the_clock_of_the_plant():
+    assert parameters(simulation(clock="scaled", real_time_factor="2")) == {
+        "ekf": SIMULATED_TIME,
+        "controller": SIMULATED_TIME,
+        "plant": {**SYSTEM_TIME, "clock": "scaled", "real_time_factor": 2.0},
     }
 
 
-def test_the_parameter_file_is_the_packages_or_the_users(tmp_path):
+def test_in_lockstep_inputs_are_reliable_and_commands_are_stamped():
+    follower, stamped = {**SIMULATED_TIME, "reliable_inputs": True}, {"cmd_vel_type": "twist_stamped"}
+    nodes = simulation(clock="lockstep", docking="true")
+    assert parameters(nodes[:-1]) == {
+        "ekf": follower,
+        "controller": {**follower, **stamped, "publish_when_idle": True},
+        "plant": {**SYSTEM_TIME, **stamped, "clock": "lockstep"},
+    }
+    assert (nodes[-1].executable, dict(nodes[-1].parameters)) == ("docking_node", {**follower, **stamped})
+
+
+def test_only_nodes_that_a_parameter_file_names_get_it(tmp_path):
     assert {node.files for node in robot()} == {(str(ROOT / "config" / "diffbot.yaml"),)}
-    mine = tmp_path / "mine.yaml"
-    # Only the nodes that it is for: another one would refuse it. One that it nearly names says so itself.
-    for section, executables in (
+    file = tmp_path / "robot.yaml"
+    # A node whose name is misspelt in the file must get the file, to report the error.
+    for section, names in (
         ("/**", ["ekf", "controller"]),
         ("/r1/ekf", ["ekf"]),
         ("/**/controler", ["controller"]),
     ):
-        mine.write_text(f"{section}: {{ros__parameters: {{}}}}")
-        nodes = robot(parameters=str(mine))
-        assert [node.name for node in nodes if node.files == (str(mine),)] == executables
+        file.write_text(f"{section}: {{ros__parameters: {{}}}}")
+        assert [node.name for node in robot(parameters=str(file)) if node.files == (str(file),)] == names
 
 
 def test_a_simulation_stays_on_its_host_and_a_robot_is_restricted_on_request():
@@ -107,7 +103,7 @@ def test_a_simulation_stays_on_its_host_and_a_robot_is_restricted_on_request():
     assert set_by(ROBOT, {}, {}) is None
     assert set_by(ROBOT, {"discovery_range": "off"}, {name: "SUBNET"}) == "OFF"
     assert set_by(SIMULATION, {}, {}) == set_by(SIMULATION, {}, {name: ""}) == "LOCALHOST"
-    assert set_by(SIMULATION, {}, {name: "SUBNET"}) is None, "what the user has set stays"
+    assert set_by(SIMULATION, {}, {name: "SUBNET"}) is None, "the environment of the launch wins"
     assert set_by(SIMULATION, {"discovery_range": "subnet"}, {}) == "SUBNET"
 
 
@@ -123,15 +119,23 @@ def test_arguments_that_exclude_each_other_and_files_that_are_missing_are_refuse
         assert "\n" not in str(refused.value)
 
 
-def test_a_bag_is_a_folder_in_that_of_the_launch(tmp_path, monkeypatch):
+def test_the_path_of_a_bag_is_relative_to_the_folder_of_the_launch(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
     assert parse(ROBOT, {"bag": "run"})["bag"] == str(tmp_path / "run")
     assert parse(ROBOT, {"bag": "~/run"})["bag"] == str(tmp_path / "home" / "run")
 
 
-def test_every_node_in_lockstep_receives_reliably():
-    nodes = simulation(clock="lockstep", docking="true")
-    assert {one.executable for one in nodes if one.parameters.get("reliable_inputs")} == {
-        "ekf_node", "controller_node", "docking_node"
-    }  # fmt: skip
+@pytest.mark.parametrize(("side", "sign"), [("left", 1), ("right", -1)])
+def test_the_wheels_of_the_urdf_are_the_default_wheels(side, sign):
+    urdf = ET.parse(ROOT / "urdf" / "diffbot.urdf").getroot()
+    wheels, plant = WheelGeometry(), PlantNodeConfig()
+    joint = urdf.find(f"joint[@name='{getattr(plant, f'{side}_wheel_name')}']")
+    assert joint.get("type") == "continuous"
+    assert joint.find("parent").get("link") == plant.base_link_frame
+    # base_link is on the ground. The wheels touch the ground and turn about +y.
+    position = [float(word) for word in joint.find("origin").get("xyz").split()]
+    assert position == [0.0, sign * wheels.wheel_separation / 2, wheels.wheel_radius]
+    assert [float(word) for word in joint.find("axis").get("xyz").split()] == [0.0, 1.0, 0.0]
+    link = urdf.find(f"link[@name='{joint.find('child').get('link')}']")
+    assert {float(shape.get("radius")) for shape in link.iter("cylinder")} == {wheels.wheel_radius}

@@ -18,17 +18,10 @@ from diffbot_tools import cli
 from diffbot_tools.arguments import OUTPUTS, check_outputs
 from diffbot_tools.drive import used_domains
 
-WRONG = {
-    "a goal without yaw": ["goal", "1", "2"],
-    "degrees for radians": ["goal", "1", "1", "90"],
-    "no angle": ["dock", "1", "1", "--timeout", "north"],
-    "unknown command": ["dance"],
-    "no time": ["bag", "trim", "a", "b", "--from", "yesterday"],
-    "a merge of one bag": ["bag", "merge", "a", "b"],
-}
 
-
-@pytest.mark.parametrize("arguments", WRONG.values(), ids=WRONG)
+@pytest.mark.parametrize(
+    "arguments", [["dance"], ["goal", "1", "2"], ["dock", "--timeout", "soon"], ["bag", "merge", "a", "b"]]
+)
 def test_wrong_usage_is_status_2_with_the_usage(arguments, capsys):
     with pytest.raises(SystemExit) as ended:
         cli.main(arguments)
@@ -43,7 +36,7 @@ def test_an_error_of_a_node_is_one_line_and_status_1(kept_signal_handlers, capfd
     assert capfd.readouterr().err == "error: /controller: sigma_known = -1.0: must be >= 0.0001 and <= 10\n"
 
 
-def test_replay_passes_bags_and_flags_on_as_parameters(kept_signal_handlers, monkeypatch):
+def test_replay_gets_bags_and_flags_as_parameters(kept_signal_handlers, monkeypatch):
     passed = []
     node = SimpleNamespace(main=lambda arguments: passed.extend(arguments) or 0)
     monkeypatch.setattr(cli.importlib, "import_module", lambda _name: node)
@@ -52,15 +45,15 @@ def test_replay_passes_bags_and_flags_on_as_parameters(kept_signal_handlers, mon
     assert parameters == {"uri": '"one"', "bags": '["two", "three"]', "as_fast_as_possible": "true", "seek": "2.0"}
 
 
-def test_a_name_that_no_node_has_is_an_error_in_one_line(kept_signal_handlers, capsys):
+def test_an_invalid_name_of_a_node_is_an_error_in_one_line(kept_signal_handlers, capsys):
     assert cli.main(["goal", "-1", "-2", "0", "--controller", "a b"]) == 1
     written = capsys.readouterr().err
     assert written.startswith("diffbot: namespace '', controller 'a b': ")
     assert written.count("\n") == 1
 
 
-def test_the_command_line_and_the_launchers_of_nodes_start_without_heavy_libraries():
-    """A goal is sent at once: scipy alone takes longer to load than the controller to answer."""
+def test_the_command_line_and_the_executables_start_without_heavy_libraries():
+    """Importing scipy alone takes longer than a controller needs to answer a goal."""
     modules = "sys, diffbot_tools.cli, diffbot.executables"
     program = f"import {modules}; print(*{{m.partition('.')[0] for m in sys.modules}})"
     loaded = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True)
@@ -69,11 +62,11 @@ def test_the_command_line_and_the_launchers_of_nodes_start_without_heavy_librari
 
 
 READ = {"bag", "bags", "contract", "params", "folder", "file", "tuning", "runner"}
-"""options with a path that is read"""
+"""Options with a path that is read."""
 
 
-def test_outputs_of_every_command_are_checked_before_its_work(tmp_path, capsys):
-    """A command whose option is new belongs into OUTPUTS of diffbot_tools.arguments, or into READ."""
+def test_no_command_overwrites_a_bag(tmp_path, capsys):
+    """Every option with a path must be in OUTPUTS of diffbot_tools.arguments, or in READ."""
     bag = bag_makers.write_folder(tmp_path / "bag", view_bags.irregular(0.5))
     before = {path: path.read_bytes() for path in bag.iterdir()}
     checked = set()
@@ -94,7 +87,7 @@ def test_outputs_of_every_command_are_checked_before_its_work(tmp_path, capsys):
 
 
 def completed(line):
-    """Return what the shell would offer, as the script of argcomplete asks for it."""
+    """Return the completions of a command line, requested as the shell script of argcomplete does."""
     environment = {**os.environ, "_ARGCOMPLETE": "1", "_ARGCOMPLETE_SUPPRESS_SPACE": "0", "COMP_LINE": line}
     environment |= {"COMP_POINT": str(len(line)), "_ARGCOMPLETE_IFS": "\n", "COMP_TYPE": "9"}
     command = f"exec 8>&1 9>/dev/null; exec {shlex.quote(sys.executable)} -m diffbot_tools.cli"
@@ -109,14 +102,14 @@ def test_commands_flags_and_choices_are_completed():
     assert "--restart-timeout" in completed("diffbot goal 1 2 0 --res")
 
 
-def test_domains_are_those_of_the_discovery_ports():
-    """DDSI-RTPS 9.6.1: multicast 7400 + 250 d, first participant 7400 + 250 d + 10; the second one's is no sign."""
+def test_open_discovery_ports_show_the_domains_in_use():
+    """DDSI-RTPS 9.6.1: multicast 7400 + 250 d, first participant 7400 + 250 d + 10; other ports do not count."""
     ports = (7400, 7400 + 250 * 42 + 10, 7400 + 250 * 7 + 12, 53, 60000)
     rows = [f"  {n}: 00000000:{port:04X} 00000000:0000 07" for n, port in enumerate(ports)]
     assert used_domains("\n".join(["  sl  local_address rem_address", *rows])) == [0, 42]
 
 
-def test_a_reader_that_leaves_ends_the_command_without_a_traceback():
+def test_a_closed_pipe_ends_the_command_without_a_traceback():
     command = f"{shlex.quote(sys.executable)} -m diffbot_tools.cli robot drive turtlebot4 --goals 1 --out /dev/full"
     script = f"set -o pipefail; {command} | head -n 0; echo $?"
     done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=False)

@@ -1,4 +1,4 @@
-"""The launch files, run with a stand-in for ROS's launch, which has no wheel: it keeps what it is given."""
+"""The launch files with fake classes in place of ROS's launch, which pip cannot install."""
 
 import importlib.util
 import sys
@@ -25,8 +25,8 @@ NAMES = {
 }
 
 
-class Kept:
-    """Stands for any class of launch."""
+class Fake:
+    """Any class of launch; keeps its arguments."""
 
     def __init__(self, *arguments, **options):
         self.arguments, self.options = arguments, options
@@ -37,11 +37,11 @@ class Kept:
 
 @pytest.fixture
 def load(monkeypatch):
-    """Return a function that gives the description of a launch file; a context holds the texts of its arguments."""
+    """Return a function that returns the entities of a launch file."""
     for name, classes in NAMES.items():
         module = types.ModuleType(name)
         for one in classes:
-            setattr(module, one, type(one, (Kept,), {}))
+            setattr(module, one, type(one, (Fake,), {}))
         monkeypatch.setitem(sys.modules, name, module)
     monkeypatch.delitem(sys.modules, MODULE, raising=False)
 
@@ -58,19 +58,15 @@ def load(monkeypatch):
 
 
 def actions(entities, **texts):
-    """Return what is started; environment variables are set before all nodes."""
+    """Return the actions for these arguments, except the discovery range of a simulation and its log line."""
     *declared, function = entities
     defaults = {one.arguments[0]: one.options["default_value"] for one in declared}
     found = function.options["function"](SimpleNamespace(texts={**defaults, **texts}, is_shutdown=False))
-    return [one for one in found if type(one).__name__ != "SetEnvironmentVariable" and not is_setting(one)]
-
-
-def is_setting(action):
-    return type(action).__name__ == "LogInfo" and action.options["msg"].startswith("ROS_AUTOMATIC_DISCOVERY_RANGE=")
+    return [one for one in found if type(one).__name__ not in ("SetEnvironmentVariable", "LogInfo")]
 
 
 def installed(*packages):
-    """Return what ament's get_package_prefix does where only these packages are installed."""
+    """Return a get_package_prefix of ament that finds only these packages."""
 
     def prefix(package):
         if package not in packages:
@@ -89,7 +85,7 @@ def test_every_argument_is_declared_and_checked_before_anything_starts(load, nam
     assert choices["log_level"] == ["debug", "info", "warn", "error", "fatal"]
     with pytest.raises(InvalidValueError, match=r"^composed = "):
         actions(entities, composed="true", localization="false")
-    with pytest.raises(DiffbotError, match=r"^rviz2 is not installed$"):
+    with pytest.raises(DiffbotError, match=r"^the package rviz2 is not installed$"):
         actions(entities, rviz="true")
 
 
@@ -111,20 +107,20 @@ def test_a_robot_without_one_of_its_limits_is_not_started_and_a_simulated_one_is
     file = parameter_file(tmp_path / "robot.yaml", some)
     with pytest.raises(DiffbotError, match=r"robot\.yaml: /\*\*/controller lacks linear\.x\.max_velocity:"):
         actions(load("robot.launch.py"), parameters=file)
-    # Those of another node do not count.
+    # Limits of another node do not count.
     other = parameter_file(tmp_path / "other.yaml", LIMITS, "/**/ekf")
     with pytest.raises(DiffbotError, match=r"has no section /\*\*/controller"):
         actions(load("robot.launch.py"), parameters=other)
     assert actions(load("simulation.launch.py"), parameters=file, description="false")
 
 
-def test_nodes_get_texts_verbatim_and_numbers_as_they_are(load, tmp_path):
+def test_nodes_get_texts_verbatim_and_numbers_as_numbers(load, tmp_path):
     nodes = actions(
         load("simulation.launch.py"), bag=str(tmp_path / "2026"), namespace="r1", x="1.5", description="false"
     )
     recorder, plant = nodes[0].options, nodes[-1].options
     assert (recorder["package"], recorder["executable"], recorder["name"]) == ("diffbot", "recorder_node", "recorder")
-    (values,) = recorder["parameters"]  # the file is not for it
+    (values,) = recorder["parameters"]  # without the file, which has no section for the recorder
     assert Path(plant["parameters"][0]).name == "diffbot.yaml"
     assert values["uri"].arguments == (str(tmp_path / "2026"),)
     assert values["uri"].options == {"value_type": str}

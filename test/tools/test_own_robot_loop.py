@@ -1,4 +1,4 @@
-"""One's own robot in a closed loop: describe it, drive the plant of another truth, calibrate, drive again."""
+"""A robot of the user in a closed loop: describe it, drive a plant that differs, calibrate, drive again."""
 
 import math
 
@@ -51,7 +51,7 @@ def drive(folder, name, parameters):
     return np.hypot(error["x"], error["y"]), [one.end for one in robot.outcomes]
 
 
-def test_the_second_drive_has_smaller_errors(tmp_path, kept_signal_handlers, capsys):
+def test_the_drive_after_the_calibration_has_smaller_errors(tmp_path, kept_signal_handlers, capsys):
     mine, calibrated = tmp_path / "mine.yaml", tmp_path / "calibrated.yaml"
     flags = [word for name, value in DESCRIBED.items() for word in (f"--{name}", str(value))]
     assert cli.main(["robot", "new", str(mine), "--like", "turtlebot4", *flags]) == 0

@@ -1,4 +1,4 @@
-"""The filter over a bag: held to the node's own answers, to the truth, and to itself."""
+"""The filter over a bag: compared with the node ekf, with the true poses, and with a second run."""
 
 import contextlib
 import math
@@ -55,8 +55,8 @@ def odometry_row(message):
     return [*row(message), twist.twist.linear.x, twist.twist.angular.z, *twist.covariance.tolist()]
 
 
-class Taken:
-    """Stands for a publisher with a subscriber; keeps the numbers of what is published."""
+class FakePublisher:
+    """A publisher with a subscriber that keeps the numbers of each message."""
 
     def __init__(self, rows, numbers):
         self.get_subscription_count = lambda: 1
@@ -64,8 +64,8 @@ class Taken:
 
 
 @pytest.mark.graph
-def test_answers_are_those_of_the_node(bag, refiltered):
-    """The node's own callbacks get the messages of the bag, as ROS decodes them, one after the other."""
+def test_estimates_are_equal_to_the_estimates_of_the_node(bag, refiltered):
+    """The callbacks of the node get the messages of the bag in order, decoded by ROS."""
     context = rclpy.Context()
     rclpy.init(context=context, domain_id=free_domain())
     values = yaml.safe_load((bag / "ekf.yaml").read_text())["/**/ekf"]["ros__parameters"]
@@ -73,8 +73,8 @@ def test_answers_are_those_of_the_node(bag, refiltered):
     node = EkfNode(context=context, parameter_overrides=overrides)
     poses, filtered = [], []
     try:
-        node._outputs._poses = Taken(poses, row)
-        node._outputs._filtered_odometry = Taken(filtered, odometry_row)
+        node._outputs._poses = FakePublisher(poses, row)
+        node._outputs._filtered_odometry = FakePublisher(filtered, odometry_row)
         with BagReader(bag) as reader:
             types = {name: message_class(topic.type) for name, topic in reader.topics.items()}
             for message in reader.messages(HANDLERS):
@@ -95,8 +95,8 @@ def test_output_is_the_same_to_the_bit(bag, refiltered, tmp_path):
     assert (tmp_path / "out" / "out_0.mcap").read_bytes() == (refiltered / "out_0.mcap").read_bytes()
 
 
-def test_comparison_prints_the_errors_against_the_truth(bag, tmp_path, capsys):
-    """Computed again here from the written bag and the circle of the files."""
+def test_the_printed_errors_are_the_errors_of_the_written_poses(bag, tmp_path, capsys):
+    """The expected values are computed from the new bag and the true circle."""
     run(bag, None, tmp_path / "out", "/ground_truth", {})
     lines = dict(line.split("  ", 1) for line in capsys.readouterr().out.splitlines() if "  " in line)
     errors, squares = [], []
@@ -122,7 +122,7 @@ def test_comparison_prints_the_errors_against_the_truth(bag, tmp_path, capsys):
     assert lines["measurements"].split()[0] == str(sum(m.width for m in read(bag)["/landmarks"]))
 
 
-def test_parameters_of_a_file_are_used(bag, refiltered, tmp_path):
+def test_the_given_parameter_file_is_used_and_stored_in_the_bag(bag, refiltered, tmp_path):
     values = yaml.safe_load((bag / "ekf.yaml").read_text())["/**/ekf"]["ros__parameters"]
     params = tmp_path / "other.yaml"
     params.write_text(yaml.safe_dump({"/robot/ekf": {"ros__parameters": values | {"alpha3": 1e-4}}}))
@@ -132,22 +132,15 @@ def test_parameters_of_a_file_are_used(bag, refiltered, tmp_path):
     assert (tmp_path / "out" / "ekf.yaml").read_text() == params.read_text()
 
 
-def test_a_parameter_file_of_another_node_is_refused(tmp_path):
+def test_a_misspelt_section_is_refused(tmp_path):
     (tmp_path / "p.yaml").write_text("/**/efk: {ros__parameters: {}}")
     with pytest.raises(DiffbotError, match=r"section /\*\*/efk: did you mean ekf?"):
         read_config(tmp_path / "p.yaml")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["{bag}", "--compare", "/truth"], "has no topic /truth"),
-        (["{bag}", "--compare", "/landmarks"], "not a pose"),
-    ],
-)
-def test_command_refuses_in_one_line(bag, tmp_path, arguments, words, capsys, kept_signal_handlers):
-    given = (one.format(bag=bag) for one in arguments)
-    assert cli.main(["refilter", *given, "--out", str(tmp_path / "out")]) == 1
+@pytest.mark.parametrize(("topic", "text"), [("/truth", "has no topic /truth"), ("/landmarks", "is not a pose")])
+def test_a_topic_without_true_poses_is_refused_in_one_line(bag, tmp_path, topic, text, capsys, kept_signal_handlers):
+    assert cli.main(["refilter", str(bag), "--compare", topic, "--out", str(tmp_path / "out")]) == 1
     (line,) = capsys.readouterr().err.splitlines()
-    assert words in line
+    assert text in line
     assert not (tmp_path / "out").exists()

@@ -1,4 +1,4 @@
-"""One's own robot: the file, what is found wrong with it, and whether it drives."""
+"""A robot of the user: the parameter file, its faults, and simulated drives."""
 
 import math
 import re
@@ -31,7 +31,7 @@ MOUSE = RobotDescription(
     command_latency=0.03, drive_time_constant=0.02, odometry_rate=50.0,
     fix_rate=25.0, fix_delay=0.03, global_pose_sigma_xy=0.002, global_pose_sigma_yaw=0.02, xy_goal_tolerance=0.02,
 )  # fmt: skip
-"""Two robots unlike those to start from: a heavy, slow-witted one, and one that runs through a maze."""
+"""Two robots unlike the presets: a heavy robot with a long latency, and a micromouse."""
 
 
 def written(path, description=None, **values):
@@ -48,7 +48,7 @@ def written(path, description=None, **values):
 
 
 @pytest.mark.parametrize("description", [*PRESETS.values(), TANK, MOUSE])
-def test_a_file_means_the_same_as_its_description_and_has_nothing_wrong(description, tmp_path):
+def test_a_file_describes_the_same_robot_as_its_description_and_has_no_faults(description, tmp_path):
     path = tmp_path / "robot.yaml"
     path.write_text(file_of_robot(description, path.name))
     robot, direct = read_robot(path), read_robot(description)
@@ -72,21 +72,21 @@ def test_a_file_means_the_same_as_its_description_and_has_nothing_wrong(descript
         ({"all__linear__x__max_acceleration": None}, check.missing, "linear.x.max_acceleration"),
         ({"ekf__global_pose_sigma_xy": None}, check.missing, "global_pose without covariance is dropped"),
         ({"ekf__wheel_separation": 0.3}, check.contradictions, "controller 0.16, plant 0.16, ekf 0.3"),
-        ({"all__wheel__max_velocity": 2.0}, check.contradictions, "allows 0.066 only"),
+        ({"all__wheel__max_velocity": 2.0}, check.contradictions, "allows only 0.066"),
         (
             {"controller__pose_timeout": 0.06},
             check.contradictions,
-            "two periods of odom = 0.1: pose_timeout is 0.06 only",
+            "two periods of odom = 0.1: pose_timeout is only 0.06",
         ),
     ],
 )
-def test_what_is_missing_or_contradictory_is_found(changes, kind, text, tmp_path):
+def test_missing_and_contradictory_values_are_found(changes, kind, text, tmp_path):
     robot = read_robot(written(tmp_path / "robot.yaml", **changes))
     (found,) = [(one, text in said) for one in (check.missing, check.contradictions) for said in one(robot)]
     assert found == (kind, True)
 
 
-def test_a_robot_that_reaches_nothing_fails_the_check_which_names_a_tolerance_that_would_do(
+def test_the_check_of_a_robot_that_reaches_no_goal_proposes_a_sufficient_tolerance(
     tmp_path, kept_signal_handlers, capsys
 ):
     path = written(tmp_path / "robot.yaml", PRESETS["turtlebot4"], controller__xy_goal_tolerance=0.03)
@@ -99,12 +99,12 @@ def test_a_robot_that_reaches_nothing_fails_the_check_which_names_a_tolerance_th
     assert cli.main(["robot", "check", str(path)]) == 0
 
 
-def test_a_drive_is_the_loop_of_the_nodes():
-    """Up to the answer, plant, filter and law do what the reference loop does, step for step."""
+def test_a_drive_equals_the_reference_loop():
+    """Plant, filter and law agree in each step until the goal is reached."""
     robot = read_robot(PRESETS["turtlebot4"]._replace(fix_delay=0.0))
     goal, start = Pose(1.5, 0.5, 0.0), StartPose(1.0, 0.0, 0.5)
     world, localization, supervisor, rest = robot.parts(3, start)
-    # The reference loop knows the odometry's noise by the covariances of its messages alone.
+    # The reference loop uses the covariances in the odometry messages.
     localization = localization._replace(odometry=OdometryConfig())
     drive = Simulation(world, localization, supervisor, rest).drive(goal)
     steps = len(drive.time) - 1
@@ -117,7 +117,7 @@ def test_a_drive_is_the_loop_of_the_nodes():
 
 @pytest.mark.study
 @pytest.mark.parametrize("given", [*PRESETS, TANK, MOUSE], ids=[*PRESETS, "tank", "mouse"])
-def test_every_goal_is_reached_and_none_falsely(given):
+def test_every_goal_is_truly_reached(given):
     robot = read_robot(given)
     found, tolerance = list(trials(robot, 12, seed=2)), robot.controller.supervisor.controller.tolerance
     assert [kind for kind, _ in found] == [FAR, SHORT] * 6
@@ -140,13 +140,13 @@ def test_the_commands_write_check_and_drive(tmp_path, kept_signal_handlers, caps
     assert "already exists" in capsys.readouterr().err
     assert cli.main(["robot", "check", str(path)]) == 0
     assert capsys.readouterr().out.count("reached after") == len(check.GOALS)
-    for _ in range(2):  # the second one replaces the picture
+    for _ in range(2):  # the second drive replaces the picture
         assert cli.main(["robot", "drive", str(path), "--goals", "2", "--out", str(picture)]) == 0
         assert capsys.readouterr().out.count("1 of 1") == 2
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
-def test_questions_are_asked_for_what_is_not_given_and_asked_again_after_a_bad_answer(
+def test_robot_new_asks_for_missing_values_and_again_after_a_bad_answer(
     tmp_path, kept_signal_handlers, monkeypatch, capsys
 ):
     asked, answers = [], ["0.05", "a foot", "-1", "0.3", *[""] * 6, "maybe", "Y", *[""] * 30]
@@ -165,7 +165,7 @@ def test_questions_are_asked_for_what_is_not_given_and_asked_again_after_a_bad_a
     assert "use_gyro = 'maybe': must be y or n" in out
 
 
-def test_a_law_of_ones_own_has_the_tolerances_of_the_file(tmp_path, kept_signal_handlers, monkeypatch, capsys):
+def test_a_law_of_the_user_has_the_tolerances_of_the_file(tmp_path, kept_signal_handlers, monkeypatch, capsys):
     """The law of docs/how-to/own-law.md."""
     monkeypatch.syspath_prepend(EXAMPLES)
     path = written(tmp_path / "robot.yaml", PRESETS["turtlebot4"], controller__law="straight_line:StraightLine")
@@ -180,7 +180,7 @@ def test_a_law_of_ones_own_has_the_tolerances_of_the_file(tmp_path, kept_signal_
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (["new", "{}/a.yaml"], "not a terminal to ask in"),
+        (["new", "{}/a.yaml"], "its input is not a terminal"),
         (["check", "turtlebot"], "did you mean turtlebot"),
     ],
 )

@@ -1,7 +1,8 @@
-"""`diffbot run` with a parameter file: the controller needs the limits of its robot, or a plant that is this robot."""
+"""`diffbot run`: a controller needs the limits of its robot, or a plant that is the same robot."""
 
 import graph
 import pytest
+import yaml
 
 from diffbot_core.errors import DiffbotError
 from diffbot_tools import cli
@@ -11,76 +12,73 @@ LIMITS = dict(zip(REQUIRED, (0.6, 1.5, 0.5, 2.0), strict=True))
 ROBOT, WITH_PLANT = ("ekf", "controller"), ("ekf", "controller", "plant")
 
 
+def singles(node):
+    """Return ROS arguments that set the limits of a node; an empty name means all nodes."""
+    return [word for name in REQUIRED for word in ("-p", f"{node}:{name}:=1.0".lstrip(":"))]
+
+
 @pytest.fixture
 def file(tmp_path):
-    """Return a function that writes sections to a file and returns the ROS arguments that name it."""
+    """Return a function that writes a parameter file and returns the ROS arguments with its path."""
 
-    def write(name="robot.yaml", **sections):
-        lines = []
-        for node, values in sections.items():
-            lines += [f"{'/**' if node == 'all' else f'/**/{node}'}:", "  ros__parameters:"]
-            lines += [f"    {key}: {value}" for key, value in values.items()]
-        (tmp_path / name).write_text("\n".join(lines) + "\n")
-        return ["--params-file", str(tmp_path / name)]
+    def write(sections):
+        names = {node: "/**" if node == "all" else f"/**/{node}" for node in sections}
+        content = {names[node]: {"ros__parameters": values} for node, values in sections.items()}
+        (tmp_path / "robot.yaml").write_text(yaml.safe_dump(content))
+        return ["--params-file", str(tmp_path / "robot.yaml")]
 
     return write
 
 
-def test_limits_count_wherever_they_are_given(file):
-    check_limits(ROBOT, file(all=LIMITS))
-    check_limits(ROBOT, [*file(all=LIMITS), *file("calibrated.yaml", controller={"command_latency": 0.2})])
-    some = {name: LIMITS[name] for name in REQUIRED[:2]}
-    for scope in ("", "controller:"):
-        singles = [word for name in REQUIRED[2:] for word in ("-p", f"{scope}{name}:=1.0")]
-        check_limits(ROBOT, [*file(controller=some), *singles])
-    check_limits(("ekf", "recorder"), file(ekf={"gate_probability": 0.99}))
+@pytest.mark.parametrize(
+    ("nodes", "sections", "arguments"),
+    [
+        (ROBOT, {"all": LIMITS}, ["-r", "__ns:=/robot1"]),
+        (ROBOT, {"controller": {"command_latency": 0.2}}, singles("controller")),
+        (ROBOT, {"ekf": {"wheel_radius": 0.1}}, singles("")),
+        (("ekf", "recorder"), {"ekf": {"wheel_radius": 0.1}}, []),
+        # A plant that is the same robot.
+        (WITH_PLANT, {"plant": {"eps_v_max": 0.065}}, []),
+        (WITH_PLANT, {"all": {"command_latency": 0.2}}, []),
+    ],
+)
+def test_a_controller_with_the_limits_of_its_robot_is_run(file, nodes, sections, arguments, capsys):
+    check_limits(nodes, [*file(sections), *arguments])
+    assert capsys.readouterr().err == ""
 
 
-@pytest.mark.parametrize("sections", [{"ekf": {}}, {"plant": LIMITS}, {"controller": {"command_latency": 0.2}}])
-def test_a_controller_without_limits_is_refused_without_a_plant(file, sections):
+@pytest.mark.parametrize(
+    ("nodes", "sections", "arguments", "reason"),
+    [
+        (ROBOT, {"plant": LIMITS}, [], "no plant runs in this process"),
+        (ROBOT, {"ekf": {"wheel_radius": 0.1}}, singles("ekf"), "no plant runs in this process"),
+        (ROBOT, {"controller": LIMITS}, ["-r", "controller:__node:=pilot"], "no plant runs in this process"),
+        (
+            WITH_PLANT,
+            {"controller": {"command_latency": 0.2}},
+            [],
+            "the plant is another robot: command_latency 0.2 and 0",
+        ),
+        (WITH_PLANT, {"ekf": {"wheel_radius": 0.1}}, [], "the plant is another robot: wheel_radius 0.1 and 0.05"),
+        (WITH_PLANT, {"plant": LIMITS}, [], "linear.x.max_acceleration inf and 0.5"),
+    ],
+)
+def test_a_controller_without_the_limits_of_its_robot_is_refused(file, nodes, sections, arguments, reason):
     with pytest.raises(DiffbotError) as error:
-        check_limits(ROBOT, file(**sections))
-    text = str(error.value)
-    assert "\n" not in text
-    assert f"the controller has no {', '.join(REQUIRED)}, and no plant runs in this process" in text
+        check_limits(nodes, [*file(sections), *arguments])
+    assert str(error.value).startswith(f"the controller has no {', '.join(REQUIRED)}, and ")
+    assert reason in str(error.value)
 
 
-def test_the_command_says_so_in_one_line_before_anything_moves(file, kept_signal_handlers, capfd):
-    words = file(controller={"command_latency": 0.2})
+def test_the_command_refuses_missing_limits_in_one_line(file, kept_signal_handlers, capfd):
+    words = file({"controller": {"command_latency": 0.2}})
     assert cli.main(["run", "robot", "--with", "plant", "--ros-args", *words]) == 1
     out, err = capfd.readouterr()
     assert (out, err.count("\n")) == ("", 1)
     assert err.startswith("diffbot: the controller has no linear.x.max_velocity")
-    assert "A robot is not driven without its limits" in err
 
 
-def test_a_plant_that_is_the_same_robot_is_driven(file):
-    check_limits(WITH_PLANT, file(plant={"eps_v_max": 0.065}))
-    check_limits(WITH_PLANT, file(all={"wheel_radius": 0.1, "command_latency": 0.2}))
-
-
-def test_a_plant_that_is_another_robot_is_not_driven_without_limits(file):
-    """What a calibration used to write: of the controller no limit, of the plant nothing."""
-    with pytest.raises(DiffbotError, match=r"the plant is another robot: command_latency 0.2 and 0"):
-        check_limits(WITH_PLANT, file(controller={"command_latency": 0.2}))
-    with pytest.raises(DiffbotError, match=r"another robot: wheel_radius 0.1 and 0.05"):
-        check_limits(WITH_PLANT, file(ekf={"wheel_radius": 0.1}))
-    with pytest.raises(DiffbotError, match=r"another robot: .*linear\.x\.max_acceleration inf and 0\.5"):
-        check_limits(WITH_PLANT, file(plant=LIMITS))
-    check_limits(WITH_PLANT, file(controller={"command_latency": 0.2, **LIMITS}))
-
-
-def test_sections_and_arguments_of_another_name_do_not_count(file):
-    words = file(all=LIMITS)
-    check_limits(ROBOT, [*words, "-r", "__ns:=/robot1"])
-    with pytest.raises(DiffbotError, match="has no linear"):
-        check_limits(ROBOT, [*file(controller=LIMITS), "-r", "controller:__node:=pilot"])
-    singles = [word for name in REQUIRED for word in ("-p", f"ekf:{name}:=1.0")]
-    with pytest.raises(DiffbotError, match="has no linear"):
-        check_limits(ROBOT, [*file("ekf.yaml", ekf={"gate_probability": 0.99}), *singles])
-
-
-def test_a_controller_without_a_parameter_file_is_run_and_the_limits_that_it_has_are_named(capsys):
+def test_without_a_parameter_file_the_default_limits_are_reported(capsys):
     check_limits(WITH_PLANT, [])
     assert capsys.readouterr().err == ""
     check_limits(ROBOT, ["-p", "controller:linear.x.max_velocity:=0.5"])
@@ -101,12 +99,11 @@ def test_a_controller_without_a_parameter_file_is_run_and_the_limits_that_it_has
             "no node of this process has the parameter linear.x.max_velocty: must be a known name",
         ),
         (["-p", "ekf:gama:=2.0"], "-p = 'ekf:gama:=2.0': ekf has no parameter gama"),
-        (["-p", "uri:=bag"], "-p = 'uri:=bag': no node of this process has the parameter uri"),
         (["-p", "pilot:gamma:=1.0"], "-p = 'pilot:gamma:=1.0': no node pilot runs in this process, only"),
         (["-r", "__ns:=/r1", "-p", "plant:seed:=3"], "-p = 'plant:seed:=3': ROS ignores it for a node in a namespace"),
     ],
 )
-def test_a_parameter_that_no_node_uses_ends_the_start_in_one_line(words, line):
+def test_a_parameter_that_no_node_uses_is_refused_in_one_line(words, line):
     with graph.diffbot("run", "robot", "--with", "plant", "--ros-args", *words) as process:
         assert process.wait() == 1
         (error,) = [one for one in process.output.splitlines() if one.startswith("error: ")]

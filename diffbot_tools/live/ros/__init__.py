@@ -1,1 +1,1 @@
-"""The ROS part of the look at a running robot."""
+"""The node of ``diffbot check``."""

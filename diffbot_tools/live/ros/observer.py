@@ -1,8 +1,7 @@
-"""Observes a running robot: subscribes to its topics, asks its nodes for their parameters, looks at the graph."""
+"""The node of ``diffbot check``: subscribe to the topics of a robot, read its parameters, look at the graph."""
 
 from __future__ import annotations
 
-import importlib
 import os
 import time
 from collections.abc import Callable, Mapping
@@ -17,62 +16,71 @@ from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.signals import SignalHandlerOptions
+from rosgraph_msgs.msg import Clock
 
+from diffbot_bag.conversions import message_class
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
+from diffbot_control.ros.sensors import POSE_MESSAGE
 from diffbot_control.ros.tf import transforms_of
 from diffbot_control.ros.transforms import LastTransform
 from diffbot_core.endpoints import AUTO, TYPE_WORDS
 from diffbot_core.ros.qos import LATCHED, SENSOR
 from diffbot_core.ros.watches import CLOCK_TOPIC, bases_elsewhere, published_elsewhere, publishers_of, subscriptions_of
 from diffbot_core.schema import build, parameters_of
+from diffbot_core.stamps import NS_PER_S
 from diffbot_tools.live.report import (
     Line,
-    Robot,
+    ObservedRobot,
     TopicGraph,
+    clock_lines,
     input_lines,
     node_lines,
     output_lines,
-    sim_time_problems,
 )
-from diffbot_tools.live.streams import COMMANDS, Arrival, Streams
+from diffbot_tools.live.streams import COMMANDS, MessageArrival, Streams
 
-_NAME = "diffbot_check"
 _DISCOVERY = 2.0
-"""[s] for which the graph is discovered before topics are subscribed"""
+"""[s] time to discover the graph before topics are subscribed to"""
 _LOOK = 0.5
-"""[s] between two looks for topics that nobody published before"""
+"""[s] time between two searches for new publishers"""
 _ANSWER, _ATTEMPTS = 1.0, 5
-"""[s] for an answer with parameters, and how often a node is asked"""
-_NODES = "ekf", "controller"
-_ODOMETRY, _IMU, _JOINTS = "nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu", "sensor_msgs/msg/JointState"
-_POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
-_MORE = {"odom": _ODOMETRY, "joint_states": _JOINTS, "imu": _IMU, "heading": _IMU}
-_OUTPUTS = {"pose": (_POSE,), "odometry/filtered": (_ODOMETRY,), COMMANDS: tuple(TYPE_WORDS)}
+"""[s] time to wait for an answer with parameters, and number of requests to one node"""
+_ODOMETRY, _IMU = "nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu"
+_INPUTS = {"odom": _ODOMETRY, "joint_states": "sensor_msgs/msg/JointState", "imu": _IMU, "heading": _IMU}
+"""Inputs that are observed even if the ekf does not use them."""
+_OUTPUTS = {"pose": (POSE_MESSAGE,), "odometry/filtered": (_ODOMETRY,), COMMANDS: tuple(TYPE_WORDS)}
+_PARAMETERS = {
+    "ekf": [*(one.name for one in parameters_of(EkfNodeConfig)), "use_sim_time"],
+    "controller": ["pose_timeout", "cmd_vel_type", "use_sim_time"],
+}
+"""Parameters that are read from each node."""
 
 
 class Observer:
-    """A node that looks on for a while."""
+    """A node that observes a robot for a limited time."""
 
     def __init__(self, namespace: str, values: Mapping[str, Mapping[str, Any]], ros_arguments: list[str]) -> None:
         """Join the graph.
 
         Args:
-            namespace: of the robot.
-            values: parameters of the ekf and the controller from a file; those of a running node replace them.
+            namespace: namespace of the robot.
+            values: parameters of ekf and controller from a file; the parameters of a running node replace them.
             ros_arguments: remappings.
         """
-        # Shared memory of a process that was killed can hold messages up.
+        # Fast DDS's shared memory of a process that was killed can delay messages.
         os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
         context = rclpy.Context()
         words = ["--ros-args", *ros_arguments] if ros_arguments else []
         rclpy.init(args=words, context=context, signal_handler_options=SignalHandlerOptions.NO)
-        self._node = Node(_NAME, namespace=namespace, context=context, start_parameter_services=False)
+        self._node = Node("diffbot_check", namespace=namespace, context=context, start_parameter_services=False)
         self._executor = SingleThreadedExecutor(context=context)
         self._executor.add_node(self._node)
-        self._values = {name: dict(values.get(name, {})) for name in _NODES}
+        self._names = {name: f"{self._node.get_namespace().rstrip('/')}/{name}" for name in _PARAMETERS}
+        """full names of ekf and controller"""
+        self._values = {name: dict(values.get(name, {})) for name in _PARAMETERS}
         self._use_sim_time: dict[str, bool] = {}
         self._states: dict[str, tuple[int, str]] = {}
-        self._simulated: int | None = None
+        self._simulated_time: int | None = None
 
     def close(self) -> None:
         """Leave the graph."""
@@ -81,52 +89,50 @@ class Observer:
         self._node.context.try_shutdown()
 
     def observe(self, duration: float) -> tuple[list[Line], bool]:
-        """Look on for ``duration`` [s]; return the lines, and True if the robot has moved meanwhile."""
-        node = self._node
-        node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
+        """Observe for ``duration`` [s]; return the report, and True if the robot has moved meanwhile."""
+        self._node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
+        self._node.create_subscription(Clock, CLOCK_TOPIC, self._on_clock, SENSOR)
         self._spin(_DISCOVERY)
         self._read_parameters()
         config = build(EkfNodeConfig, self._values["ekf"])
-        streams = Streams(config, LastTransform(partial(transforms_of, node, config.sensor_timeout)))
-        inputs = {name: (kind,) for name, kind in _MORE.items()}
+        streams = Streams(config, LastTransform(partial(transforms_of, self._node, config.sensor_timeout)))
+        inputs = {name: (kind,) for name, kind in _INPUTS.items()}
         inputs |= {name: (one.message_type,) for name, one in streams.sensors.items()}
-        topics = {name: self._topic(name, kinds, name in inputs) for name, kinds in (inputs | _OUTPUTS).items()}
-        deadline, subscribed = time.monotonic() + duration, set[str]()
+        kinds = inputs | _OUTPUTS
+        topics = {name: self._topic(name, kinds[name], is_input=name in inputs) for name in kinds}
+        deadline, missing = time.monotonic() + duration, set(kinds)
         while (left := deadline - time.monotonic()) > 0.0:
-            for name, kinds in (inputs | _OUTPUTS).items():  # what is discovered late counts as well
-                if name not in subscribed and self._subscribe(streams, name, topics[name], kinds):
-                    subscribed.add(name)
-            if CLOCK_TOPIC not in subscribed and publishers_of(node, CLOCK_TOPIC):
-                self._subscribe_clock()
-                subscribed.add(CLOCK_TOPIC)
+            for name in sorted(missing):  # a publisher may be discovered late
+                if self._subscribe(streams, name, topics[name], kinds[name]):
+                    missing.remove(name)
             self._spin(min(left, _LOOK))
-        return self._lines(streams, inputs, topics, duration), streams.has_moved or bool(streams.watch.odometry.fault())
+        graphs = {name: self._graph(name, topics[name], kinds[name][0]) for name in kinds}
+        outputs = {name: graphs[name] for name in _OUTPUTS}
+        return self._report({name: graphs[name] for name in inputs}, outputs, streams, duration), streams.has_moved
 
-    def _lines(
-        self, streams: Streams, inputs: Mapping[str, tuple[str, ...]], topics: Mapping[str, str], duration: float
+    def _report(
+        self, inputs: Mapping[str, TopicGraph], outputs: Mapping[str, TopicGraph], streams: Streams, duration: float
     ) -> list[Line]:
-        node, names = self._node, {name: self._full_name(name) for name in _NODES}
-        found = self._running()
-        copies = {full: found.count(full) for full in names.values()}
-        running = {name: full if copies[full] else "" for name, full in names.items()}
-        values = self._values["controller"]
-        timeout, kind = float(values.get("pose_timeout", 0.5)), str(values.get("cmd_vel_type", AUTO))
-        robot = Robot(running["ekf"], running["controller"], kind, timeout, self._use_sim_time)
-        graphs = {name: self._graph(name, topics[name], kinds) for name, kinds in inputs.items()}
-        lines = input_lines(graphs, streams, robot, duration)
-        outputs = {name: self._graph(name, topics[name], kinds) for name, kinds in _OUTPUTS.items()}
-        lines += output_lines(outputs, streams, robot, duration)
-        clocks = publishers_of(node, CLOCK_TOPIC)
-        if (problems := sim_time_problems(robot, streams, bool(clocks))) or clocks:
-            problems += [f"{len(clocks)} publishers, only one may own time: end one"] if len(clocks) > 1 else []
-            sources = ", ".join(sorted({one.node for one in clocks})) or "nobody"
-            lines.append(Line(CLOCK_TOPIC, (f"from {sources}",), tuple(problems)))
-        silent = [full for full in running.values() if full and full not in self._use_sim_time]
-        text = "its parameters could not be read, so that those of the file, or the defaults, were assumed: check again"
-        lines += [Line(full, notes=(text,)) for full in silent]
-        return lines + node_lines(self._states, copies, [text for one in lines for text in one.todo])
+        nodes, values = self._running(), self._values["controller"]
+        running = {name: full if full in nodes else "" for name, full in self._names.items()}
+        robot = ObservedRobot(
+            ekf=running["ekf"],
+            controller=running["controller"],
+            cmd_vel_type=str(values.get("cmd_vel_type", AUTO)),
+            pose_timeout=float(values.get("pose_timeout", 0.5)),
+            use_sim_time=self._use_sim_time,
+        )
+        clock = TopicGraph(CLOCK_TOPIC, publishers=publishers_of(self._node, CLOCK_TOPIC))
+        lines = [
+            *input_lines(inputs, streams, robot, duration),
+            *output_lines(outputs, streams, robot, duration),
+            *clock_lines(clock, streams, robot),
+        ]
+        copies = {full: nodes.count(full) for full in self._names.values()}
+        unread = [full for full in running.values() if full and full not in self._use_sim_time]
+        return lines + node_lines(self._states, copies, unread, [text for one in lines for text in one.todo])
 
-    def _graph(self, name: str, topic: str, kinds: tuple[str, ...]) -> TopicGraph:
+    def _graph(self, name: str, topic: str, kind: str) -> TopicGraph:
         node = self._node
         publishers, subscriptions = publishers_of(node, topic), subscriptions_of(node, topic)
         elsewhere: list[str] = []
@@ -134,45 +140,36 @@ class Observer:
             elsewhere = bases_elsewhere(node, topic)
         elif not publishers:
             outputs = {node.resolve_topic_name(one) for one in _OUTPUTS}
-            elsewhere = [one for one in published_elsewhere(node, topic, kinds[0]) if one not in outputs]
+            elsewhere = [one for one in published_elsewhere(node, topic, kind) if one not in outputs]
         own = node.get_fully_qualified_name()
-        return TopicGraph(topic, kinds, publishers, [one for one in subscriptions if one.node != own], elsewhere)
+        return TopicGraph(topic, kind, publishers, [one for one in subscriptions if one.node != own], elsewhere)
 
-    def _topic(self, name: str, kinds: tuple[str, ...], is_input: bool) -> str:
-        """Return the topic to which the running node has remapped ``name``; without one, as this node resolves it."""
-        default: str = self._node.resolve_topic_name(name)
-        owner = "controller" if name == COMMANDS else "ekf"
-        find = self._node.get_subscriber_names_and_types_by_node
-        if not is_input:
-            find = self._node.get_publisher_names_and_types_by_node
+    def _topic(self, name: str, kinds: tuple[str, ...], *, is_input: bool) -> str:
+        """Return the topic to which a running node has remapped ``name``; without such a node, the resolved name."""
+        node = self._node
+        default: str = node.resolve_topic_name(name)
+        find = node.get_subscriber_names_and_types_by_node if is_input else node.get_publisher_names_and_types_by_node
         with suppress(Exception):  # rclpy raises several types for a node that does not run
-            found = find(owner, self._node.get_namespace())
-            usual = {self._node.resolve_topic_name(one) for one in (*_MORE, *_OUTPUTS, "global_pose", "initialpose")}
-            own = [topic for topic, types in found if set(kinds) & set(types)]
-            others = [topic for topic in own if topic not in usual]
-            if default not in own and len(others) == 1:
+            found = find("controller" if name == COMMANDS else "ekf", node.get_namespace())
+            usual = {node.resolve_topic_name(one) for one in (*_INPUTS, *_OUTPUTS, "global_pose", "initialpose")}
+            topics = [topic for topic, types in found if set(kinds) & set(types)]
+            others = [topic for topic in topics if topic not in usual]
+            if default not in topics and len(others) == 1:
                 return str(others[0])
         return default
 
     def _running(self) -> list[str]:
-        """Return the full names of all nodes, one for each."""
+        """Return the full names of all nodes; a name occurs as often as nodes have it."""
         return [f"{space.rstrip('/')}/{one}" for one, space in self._node.get_node_names_and_namespaces()]
 
-    def _full_name(self, name: str) -> str:
-        return f"{self._node.get_namespace().rstrip('/')}/{name}"
-
     def _read_parameters(self) -> None:
-        """Replace the values of a file by those of nodes that run."""
-        wanted = {
-            "ekf": [one.name for one in parameters_of(EkfNodeConfig)],
-            "controller": ["pose_timeout", "cmd_vel_type"],
-        }
+        """Read the parameters of running nodes, which replace the values of a file."""
         running = self._running()
-        for name in _NODES:
-            client = AsyncParameterClient(self._node, self._full_name(name))
-            if self._full_name(name) not in running or not client.wait_for_services(_ANSWER):
+        for name, full in self._names.items():
+            client = AsyncParameterClient(self._node, full)
+            if full not in running or not client.wait_for_services(_ANSWER):
                 continue
-            names = [*wanted[name], "use_sim_time"]
+            names = _PARAMETERS[name]
             for _ in range(_ATTEMPTS):  # DDS drops the response to a client that the node has not discovered yet
                 future = client.get_parameters(names)
                 self._spin(_ANSWER, future.done)
@@ -181,7 +178,7 @@ class Observer:
             if not future.done() or len(future.result().values) != len(names):
                 continue
             values = dict(zip(names, map(parameter_value_to_python, future.result().values), strict=True))
-            self._use_sim_time[self._full_name(name)] = bool(values.pop("use_sim_time"))
+            self._use_sim_time[full] = bool(values.pop("use_sim_time"))
             self._values[name] = {key: _plain(value) for key, value in values.items() if value is not None}
 
     def _subscribe(self, streams: Streams, name: str, topic: str, kinds: tuple[str, ...]) -> bool:
@@ -189,24 +186,16 @@ class Observer:
         matching = [one for one in publishers_of(self._node, topic) if one.type in kinds]
         if not matching:
             return False
-        package, _, word = matching[0].type.split("/")
-        kind = getattr(importlib.import_module(f"{package}.msg"), word)
-        is_latched = all(one.is_latched for one in matching)
-        self._node.create_subscription(
-            kind, topic, partial(self._receive, streams, name), LATCHED if is_latched else SENSOR
-        )
-        return True
-
-    def _receive(self, streams: Streams, name: str, message: Any) -> None:
-        streams.add(name, message, Arrival(time.monotonic(), time.time_ns(), self._simulated))
-
-    def _subscribe_clock(self) -> None:
-        from rosgraph_msgs.msg import Clock  # noqa: PLC0415
 
         def receive(message: Any) -> None:
-            self._simulated = message.clock.sec * 1_000_000_000 + message.clock.nanosec
+            streams.add(name, message, MessageArrival(time.monotonic(), time.time_ns(), self._simulated_time))
 
-        self._node.create_subscription(Clock, CLOCK_TOPIC, receive, SENSOR)
+        qos = LATCHED if all(one.is_latched for one in matching) else SENSOR
+        self._node.create_subscription(message_class(matching[0].type), topic, receive, qos)
+        return True
+
+    def _on_clock(self, message: Any) -> None:
+        self._simulated_time = message.clock.sec * NS_PER_S + message.clock.nanosec
 
     def _on_diagnostics(self, message: Any) -> None:
         for one in message.status:
@@ -219,5 +208,5 @@ class Observer:
 
 
 def _plain(value: Any) -> Any:
-    """Return a value of a parameter as a parameter file would have it: arrays as lists."""
+    """Return the value of a parameter as a parameter file has it: arrays as lists."""
     return value if isinstance(value, bool | int | float | str) else list(value)
