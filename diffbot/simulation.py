@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from diffbot.given import AnyPose, AnyRobot, goal_of, robot_of, seed_of
 from diffbot_core.errors import DiffbotError
 from diffbot_core.installed import install_hint
-from diffbot_sim import simulation as simulated
 from diffbot_sim.config import StartPose
+from diffbot_sim.simulation import Drive, SimulatedRobot
 
 if TYPE_CHECKING:
     import pandas
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 DEFAULT_ROBOT = "turtlebot3_burger"
 
 
-class Recording(simulated.Drive):
+class Recording(Drive):
     """One goal, how it ended, and a row for each step on the way.
 
     Examples:
@@ -91,7 +91,7 @@ class Recording(simulated.Drive):
         return figure
 
 
-class Simulation(simulated.Simulation):
+class Simulation(SimulatedRobot):
     """A simulated robot with its filter and its controller; time goes on from drive to drive.
 
     Examples:

@@ -41,7 +41,7 @@ from diffbot_control.filter.models import (
     size_of,
     transition,
 )
-from diffbot_control.filter.state import Filter, Options
+from diffbot_control.filter.state import FilterState, Options
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import scale_twist_covariance
 
@@ -68,7 +68,7 @@ MAX_SLIP = 0.2
 """Largest relative error of a radius that is explained by slip."""
 
 
-def predict(filter_: Filter, options: Options, motion: Motion) -> None:
+def predict(filter_: FilterState, options: Options, motion: Motion) -> None:
     """Move the estimate and the candidate."""
     if options.fuzzy:
         factor = noise.q_scale(filter_.noise[0])
@@ -118,7 +118,7 @@ def normalised_square(y: Array, S: Array) -> float:
     return total + y_2 * y_2 / third if third > 0.0 else math.nan
 
 
-def take(filter_: Filter, options: Options, reading: Reading) -> int:
+def take(filter_: FilterState, options: Options, reading: Reading) -> int:
     """Pass a measurement through the gate; return ACCEPTED, REJECTED, RELOCATED, IGNORED or WEIGHED."""
     if not is_defined(reading, filter_.x):
         return IGNORED
@@ -142,7 +142,7 @@ def take(filter_: Filter, options: Options, reading: Reading) -> int:
     return outcome
 
 
-def innovation(filter_: Filter, options: Options, reading: Reading) -> tuple[Expected, Array]:
+def innovation(filter_: FilterState, options: Options, reading: Reading) -> tuple[Expected, Array]:
     """Compare a measurement with the estimate; return also the covariance S (m, m) of the innovation at the gate.
 
     R is the claimed covariance times the scale that was found. The measurement must be defined at the estimate.
@@ -168,7 +168,7 @@ def _expected(reading: Reading, x: Array, P: Array, row: Array, options: Options
     return Expected(expected.y, expected.H, R)
 
 
-def _inflation(filter_: Filter, options: Options, reading: Reading) -> float:
+def _inflation(filter_: FilterState, options: Options, reading: Reading) -> float:
     """Return the factor by which R is inflated for errors that are correlated in time."""
     last, time = filter_.last[reading.place], options.times[reading.source]
     if last[state.VALID] == 0.0 or not (options.finds_noise or time > 0.0):
@@ -226,7 +226,7 @@ def _keep_wheels_possible(x: Array, P: Array, options: Options) -> None:
         x[WHEELS + i], P[WHEELS + i, WHEELS + i] = errors[i], variances[i]
 
 
-def _accept(filter_: Filter, options: Options, reading: Reading, expected: Expected, S: Array, nis: float) -> None:
+def _accept(filter_: FilterState, options: Options, reading: Reading, expected: Expected, S: Array, nis: float) -> None:
     """Correct with a measurement within the gate, and update the noise statistic of its source."""
     row, last, gate = filter_.noise[reading.source], filter_.last[reading.place], filter_.gate
     if is_fix(reading.kind):
@@ -255,7 +255,7 @@ def _accept(filter_: Filter, options: Options, reading: Reading, expected: Expec
         filter_.shift[i] += shift[i]
 
 
-def _learn(filter_: Filter, options: Options, reading: Reading, expected: Expected, x: float, y: float) -> None:
+def _learn(filter_: FilterState, options: Options, reading: Reading, expected: Expected, x: float, y: float) -> None:
     """Add a pair of neighbouring measurements to the noise statistic, and inflate P if R turns out to be too small.
 
     ``x`` and ``y`` [m] are the estimated position before the correction.
@@ -300,7 +300,7 @@ def _total(row: Array, reading: Reading) -> float:
     return float(position ** (1.0 - share) * angle**share) * inflation
 
 
-def _doubt(filter_: Filter, options: Options, reading: Reading, bound: float) -> int:
+def _doubt(filter_: FilterState, options: Options, reading: Reading, bound: float) -> int:
     """Correct or restart the candidate with a fix beyond the gate; return REJECTED or RELOCATED."""
     gate, x, P = filter_.gate, filter_.candidate, filter_.candidate_P
     row = filter_.noise[reading.source]
@@ -336,7 +336,7 @@ def _doubt(filter_: Filter, options: Options, reading: Reading, bound: float) ->
     return RELOCATED
 
 
-def take_rate(filter_: Filter, options: Options, motion: Motion) -> float:
+def take_rate(filter_: FilterState, options: Options, motion: Motion) -> float:
     """Correct the bias of the gyro and the errors of the wheels with the turn rate of a motion.
 
     When a wheel begins or ends to slip, the innovations keep one sign. Then the variances of the radii are increased
@@ -360,7 +360,7 @@ def take_rate(filter_: Filter, options: Options, motion: Motion) -> float:
     return 0.0
 
 
-def _follow_slip(filter_: Filter, dt: float, y: float, S: float, sensitivity: float) -> None:
+def _follow_slip(filter_: FilterState, dt: float, y: float, S: float, sensitivity: float) -> None:
     """Increase the variances of the radii if innovations of the turn rate keep one sign.
 
     Args:
@@ -383,7 +383,7 @@ def _follow_slip(filter_: Filter, dt: float, y: float, S: float, sensitivity: fl
         filter_.P[4, 4] += variance
 
 
-def average(filter_: Filter, options: Options) -> tuple[Array, Array]:
+def average(filter_: FilterState, options: Options) -> tuple[Array, Array]:
     """Return mean (n,) and covariance (n, n) over two hypotheses on the errors of a sensor: as configured, or not.
 
     Estimating an error that does not exist costs accuracy. The user gives the prior probability that the wheels are as

@@ -1,7 +1,7 @@
 """Options and memory of the filter.
 
-The whole memory is one flat array, of which a :class:`Filter` has views. A copy of the array is a snapshot that can be
-restored.
+The whole memory is one flat array, and a :class:`FilterState` has views of it. A copy of the array is a snapshot that
+can be restored.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class Options(NamedTuple):
     """[s] known correlation time of the errors of each source; 0: to be found"""
 
 
-class Filter(NamedTuple):
+class FilterState(NamedTuple):
     """The filter's memory, all of it views of one array."""
 
     memory: Any
@@ -83,7 +83,7 @@ class Filter(NamedTuple):
     """(places, 16 + n) newest measurement of each source and landmark"""
 
 
-def new_filter(options: Options, landmarks: int = 0) -> Filter:
+def new_filter(options: Options, landmarks: int = 0) -> FilterState:
     """Return a filter of unknown state for a number of ``landmarks``; call :func:`start` next."""
     n, sources = options.size, len(options.times)
     filter_ = views(np.zeros(memory_size(n, sources, landmarks)), n, sources)
@@ -96,7 +96,7 @@ def memory_size(n: int, sources: int, landmarks: int) -> int:
     return 3 * n + 2 * n * n + 8 + sources * noise.COLUMNS + (sources + landmarks) * (SHIFT + n)
 
 
-def views(memory: Array, n: int, sources: int) -> Filter:
+def views(memory: Array, n: int, sources: int) -> FilterState:
     """Return the views of a flat memory."""
     shapes = (n,), (n, n), (n,), (n, n), (6,), (2,), (n,), (sources, noise.COLUMNS), (-1, SHIFT + n)
     parts, at = [], 0
@@ -104,10 +104,10 @@ def views(memory: Array, n: int, sources: int) -> Filter:
         length = len(memory) - at if shape[0] == -1 else math.prod(shape)
         parts.append(memory[at : at + length].reshape(shape))
         at += length
-    return Filter(memory, *parts)
+    return FilterState(memory, *parts)
 
 
-def reset(filter_: Filter, options: Options) -> None:
+def reset(filter_: FilterState, options: Options) -> None:
     """Reset the filter to an unknown state. Call :func:`start` next."""
     filter_.memory[:] = 0.0
     for row in range(len(filter_.noise)):
@@ -117,7 +117,7 @@ def reset(filter_: Filter, options: Options) -> None:
         filter_.P[WHEELS + i, WHEELS + i] = options.variances[i]
 
 
-def start(filter_: Filter, pose: Pose, P: Array) -> None:
+def start(filter_: FilterState, pose: Pose, P: Array) -> None:
     """Put the filter at a pose with covariance ``P`` (3, 3); the estimated errors and the noise statistics stay."""
     reset_pose(filter_.x, filter_.P, pose, P)
     filter_.gate[:] = 0.0
@@ -132,7 +132,7 @@ def reset_pose(x: Array, P: Array, pose: Pose, pose_P: Array) -> None:
     P[:3, :3] = pose_P
 
 
-def set_errors(filter_: Filter, options: Options, first: int, errors: Array, P: Array) -> None:
+def set_errors(filter_: FilterState, options: Options, first: int, errors: Array, P: Array) -> None:
     """Set estimated errors (k,) with covariance ``P`` (k, k), uncorrelated with all other states.
 
     ``first`` is the index of the first error, WHEELS or SENSOR. Errors that this filter does not estimate, or whose
@@ -148,7 +148,7 @@ def set_errors(filter_: Filter, options: Options, first: int, errors: Array, P: 
             filter_.P[i, j] = P[i - first, j - first]
 
 
-def unpair(filter_: Filter) -> None:
+def unpair(filter_: FilterState) -> None:
     """Drop the newest measurements after a jump of the estimate, so that none is compared across the jump."""
     filter_.last[:, VALID] = 0.0
     for row in range(len(filter_.noise)):
