@@ -172,7 +172,7 @@ def test_folders_of_the_user_and_what_happens_without_them(tmp_path, monkeypatch
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "file"))
     runtime_folder.cache_clear()
-    with pytest.raises(DiffbotError, match="cannot make the folder"):
+    with pytest.raises(DiffbotError, match="cannot create the folder"):
         cache_folder()
     assert runtime_folder().is_dir()
     runtime_folder.cache_clear()
