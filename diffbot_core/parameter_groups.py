@@ -13,8 +13,8 @@ class CommandSourceConfig(NamedTuple):
     max_cmd_vel_publishers: Annotated[
         int,
         Spec(
-            "largest number of publishers of cmd_vel, including the controller, before /diagnostics reports an ERROR;"
-            " 2 with a teleoperation on the same topic",
+            "largest number of publishers of cmd_vel, including the controller; /diagnostics reports an ERROR if there"
+            " are more; 2 with a teleoperation on the same topic",
             "-",
             1,
             100,

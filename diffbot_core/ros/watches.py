@@ -264,7 +264,7 @@ class PublisherWatch:
                 continue
             since = self._since.setdefault(topic, now)
             may_be_killed = len(set(names)) <= limit and now - since <= 1.5 * LEASE
-            found[topic] = text + f" (one that was killed still counts for {LEASE:g} s)" * may_be_killed
+            found[topic] = text + f" (the publisher of a killed node still counts for {LEASE:g} s)" * may_be_killed
             level = max(level, _WARN if may_be_killed else _ERROR)
         self._log(found)
         self._since = {topic: since for topic, since in self._since.items() if topic in found}

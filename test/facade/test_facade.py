@@ -154,7 +154,7 @@ def run_back(controller):
 
 
 REFUSED = {
-    "two numbers": (lambda: diffbot.drive((1.0, 2.0)), r"goal = \(1.0, 2.0\): must be x, y and heading"),
+    "two numbers": (lambda: diffbot.drive((1.0, 2.0)), r"goal = \(1.0, 2.0\): must be three numbers: x"),
     "nan": (lambda: diffbot.drive((math.nan, 0.0, 0.0)), "goal = .*finite"),
     "robot": (lambda: diffbot.drive((1, 0, 0), robot="turtelbot4"), "did you mean turtlebot4"),
     "file": (lambda: diffbot.drive((1, 0, 0), robot="none.yaml"), "none.yaml"),
@@ -168,13 +168,13 @@ REFUSED = {
     ),
     "parameter": (lambda: diffbot.Controller(max_velocity=1.0), "did you mean .*linear_x_max_velocity"),
     "filter": (lambda: diffbot.Filter(gate_probabilty=0.9), "did you mean gate_probability"),
-    "no robot": (lambda: diffbot.drive((1, 0, 0), robot=None), "robot = None: must be a parameter file, the name"),
+    "no robot": (lambda: diffbot.drive((1, 0, 0), robot=None), "robot = None: must be a parameter file, a name"),
     "a number": (lambda: diffbot.Controller(3), "robot = 3: must be a parameter file"),
     "seed": (lambda: diffbot.drive((1, 0, 0), seed="a"), "seed = 'a': must be a whole number"),
     "degrees": (lambda: diffbot.drive((1, 0, 90)), r"goal = 90.0: .* write math.radians\(90\)"),
     "sigma": (lambda: diffbot.Controller().step(0.0, (0, 0, 0), (-1.0, 0.0)), r"sigma = \(-1.0, 0.0\): must be two"),
     "a fix without error": (lambda: diffbot.Filter().fix(0.0, (0, 0, 0), (0.0, 0.0)), "sigma = .*two finite numbers"),
-    "time running back": (lambda: run_back(diffbot.Controller()), "time = 0.9: must be > 1, the time before"),
+    "time running back": (lambda: run_back(diffbot.Controller()), "time = 0.9: must be > 1, the previous time"),
     "bag": (lambda: diffbot.Bag("none"), "no bag none"),
 }
 
