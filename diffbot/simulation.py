@@ -105,7 +105,7 @@ class Simulation(SimulatedRobot):
     """
 
     def __init__(self, robot: AnyRobot = DEFAULT_ROBOT, start: AnyPose | None = None, seed: int = 1) -> None:
-        """Create a simulation; arguments as for :func:`drive`.
+        """Create a simulation; arguments as for :func:`diffbot.drive`.
 
         Raises:
             DiffbotError: if there is no such robot, or an argument is not allowed.
