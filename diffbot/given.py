@@ -86,7 +86,7 @@ def robot_of(value: AnyRobot) -> Robot:
     """Convert the argument ``robot`` to a robot.
 
     Raises:
-        DiffbotError: if there is no such robot, or a value of its description is not allowed.
+        DiffbotError: if the robot is unknown or a value of its description is not allowed.
     """
     if isinstance(value, Robot):
         return value

@@ -46,7 +46,7 @@ class Controller(Supervisor):
             parameters: new values by the names in docs/reference/parameters, with ``_`` in place of dots.
 
         Raises:
-            DiffbotError: if there is no such robot, or a value is not allowed.
+            DiffbotError: if the robot is unknown or a value is not allowed.
         """
         node = ControllerNodeConfig() if robot is None else robot_of(robot).controller
         super().__init__(with_parameters(node.supervisor, parameters), law_of(node.law))
@@ -98,7 +98,7 @@ class Filter(Localization):
         """Create the filter of a robot with some parameters changed; arguments as for :class:`Controller`.
 
         Raises:
-            DiffbotError: if there is no such robot, or a value is not allowed.
+            DiffbotError: if the robot is unknown or a value is not allowed.
         """
         node = with_parameters(EkfNodeConfig() if robot is None else robot_of(robot).ekf, parameters)
         super().__init__(node.localization, node.wheels.wheel_separation)
@@ -128,7 +128,7 @@ class Filter(Localization):
             sigma: standard deviations of ``v`` and ``omega``; if zero, the parameters alpha1 to alpha3 define them.
 
         Raises:
-            DiffbotError: if there is no fix yet, or an argument is not allowed.
+            DiffbotError: before the first fix, or if an argument is not allowed.
         """
         sigma_v, sigma_omega = sigma_of(sigma)
         covariance = TwistCovariance(sigma_v**2, 0.0, sigma_omega**2)

@@ -108,7 +108,7 @@ class Simulation(SimulatedRobot):
         """Create a simulation; arguments as for :func:`diffbot.drive`.
 
         Raises:
-            DiffbotError: if there is no such robot, or an argument is not allowed.
+            DiffbotError: if the robot is unknown or an argument is not allowed.
         """
         at = None if start is None else StartPose(*goal_of("start", start))
         super().__init__(*robot_of(robot).parts(seed_of(seed), at))
@@ -137,6 +137,6 @@ def drive(goal: AnyPose, robot: AnyRobot = DEFAULT_ROBOT, start: AnyPose | None 
         seed: seed of all noise; the same seed gives the same drive.
 
     Raises:
-        DiffbotError: if there is no such robot, or an argument is not allowed.
+        DiffbotError: if the robot is unknown or an argument is not allowed.
     """
     return Simulation(robot, start, seed).drive(goal)

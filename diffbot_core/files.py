@@ -122,7 +122,7 @@ def _begin_of(path: Path, size: int) -> bytes:
 
 
 @contextmanager
-def output_folder(folder: Path) -> Iterator[Path]:
+def output_folder(folder: Path) -> Iterator[None]:
     """Create the folder of a command's output, and convert each OSError of the ``with`` block to a DiffbotError.
 
     Raises:
@@ -134,7 +134,7 @@ def output_folder(folder: Path) -> Iterator[Path]:
             raise DiffbotError(f"cannot write to {folder}")
         if is_bag_folder(folder):
             raise DiffbotError(f"cannot write to {folder}: it is a bag")
-        yield folder
+        yield
     except OSError as error:
         raise DiffbotError(f"cannot write to {folder}: {error.strerror}") from None
 

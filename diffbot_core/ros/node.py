@@ -103,7 +103,7 @@ class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
     @property
     def config(self) -> C:
         """The present configuration, which is always valid."""
-        return cast("CheckedParameters[C]", self._checked_parameters).config
+        return self.checked_parameters.config
 
     @property
     def checked_parameters(self) -> CheckedParameters[C]:

@@ -171,20 +171,21 @@ def _status(nodes: list[DiffbotNode[Any]], failed: bool) -> int:
 
 
 def _shut_down(nodes: list[DiffbotNode[Any]], stop: StopFlag, failed: bool) -> None:
-    with ExitStack() as last_first:
+    # An ExitStack runs its callbacks in reverse order, and runs all of them even if one raises an exception.
+    with ExitStack() as stack:
         # Python restores the default handlers at its exit; then a second signal would change the exit status.
-        last_first.callback(stop.ignore)
-        last_first.callback(_destroy, nodes, failed)
+        stack.callback(stop.ignore)
+        stack.callback(_destroy, nodes, failed)
         for node in sorted(reversed(nodes), key=lambda node: node.moves_the_robot):
-            last_first.callback(node.before_shutdown)
+            stack.callback(node.before_shutdown)
 
 
 def _destroy(nodes: list[DiffbotNode[Any]], failed: bool) -> None:
-    with forced_exit(END_TIMEOUT, _status(nodes, failed)), ExitStack() as last_first:
-        last_first.callback(rclpy.try_shutdown)
+    with forced_exit(END_TIMEOUT, _status(nodes, failed)), ExitStack() as stack:
+        stack.callback(rclpy.try_shutdown)
         for node in nodes:
-            last_first.callback(node.destroy_node)
-        last_first.callback(await_readers, nodes)
+            stack.callback(node.destroy_node)
+        stack.callback(await_readers, nodes)
 
 
 def _spin(nodes: list[DiffbotNode[Any]], stop: StopFlag) -> None:

@@ -129,8 +129,8 @@ class ClockWatch:
         self._clock_found = time.monotonic()
         self._jumps_back: deque[float] = deque(maxlen=_JUMPS)
         self._jumped = False
-        self._standing: int | None = None
-        self._stood_since = 0.0
+        self._last_ros_time: int | None = None
+        self._standstill_start = 0.0
         self._last: tuple[int, int] | None = None
         self._offset = 0
         threshold = JumpThreshold(min_forward=_FORWARD, min_backward=Duration(nanoseconds=-1), on_clock_change=False)
@@ -157,9 +157,9 @@ class ClockWatch:
         if not self.is_simulated:
             return 0.0
         ros, now = self._ros_time(), time.monotonic()
-        if ros != self._standing:
-            self._standing, self._stood_since = ros, now
-        return now - self._stood_since
+        if ros != self._last_ros_time:
+            self._last_ros_time, self._standstill_start = ros, now
+        return now - self._standstill_start
 
     def now(self) -> float:
         """Return the time [s] of the node, which is steady while two clocks contradict each other."""
@@ -182,7 +182,7 @@ class ClockWatch:
         if self.problem != self._logged and now - self._log_time >= _LOG_PERIOD:
             logger = self._node.get_logger()
             if not self.problem:
-                logger.info("one publisher of /clock")
+                logger.info("the problem with /clock has ended")
             elif self.contradictory:
                 logger.error(self.problem)
             else:
@@ -196,7 +196,7 @@ class ClockWatch:
             self._clock_found = now
         if not simulated and all(publisher.topic_name != CLOCK_TOPIC for publisher in self._node.publishers):
             return "", False
-        if text := too_many(CLOCK_TOPIC, publishers, 1, "own time"):
+        if text := too_many(CLOCK_TOPIC, publishers, 1, "set the time"):
             return text, True
         if len(self._jumps_back) == _JUMPS and now - self._jumps_back[0] <= _WINDOW:
             names = ", ".join(publishers)
