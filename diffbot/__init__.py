@@ -16,7 +16,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from diffbot.given import robot
+    from diffbot.arguments import robot
     from diffbot.loop import Controller, Filter
     from diffbot.simulation import Recording, Simulation, drive
     from diffbot_bag.bag import BagReader as Bag
@@ -37,7 +37,7 @@ _PLACES = {
     "ROBOTS": "diffbot_tools.robot_description:PRESETS",
     **dict.fromkeys(("Recording", "Simulation", "drive"), "diffbot.simulation"),
     "Twist": "diffbot_core.kinematics",
-    "robot": "diffbot.given",
+    "robot": "diffbot.arguments",
 }
 __all__ = [
     "ROBOTS", "Bag", "Controller", "DiffbotError", "Filter", "Navigator", "Pose", "Recording", "Simulation", "Twist",

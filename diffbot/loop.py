@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from diffbot.given import AnyPose, AnyRobot, goal_of, pose_of, robot_of, sigma_of, time_of, with_parameters
+from diffbot.arguments import AnyPose, AnyRobot, goal_of, pose_of, robot_of, sigma_of, time_of, with_parameters
 from diffbot_control.filter.covariance import uncertainty_of
 from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.measurement import pose_fix

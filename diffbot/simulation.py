@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diffbot.given import AnyPose, AnyRobot, goal_of, robot_of, seed_of
+from diffbot.arguments import AnyPose, AnyRobot, goal_of, robot_of, seed_of
 from diffbot_core.errors import DiffbotError
 from diffbot_core.installed import install_hint
 from diffbot_sim.config import StartPose

@@ -71,7 +71,7 @@ class BadMessageError(DiffbotError):
 
 
 def known_name(name: str, known: Iterable[str]) -> str:
-    """Complete "must be" for an unknown name: with similar names, and with all known names if they are few."""
+    """Return the text after "must be" for an unknown name: similar names, and all known names if they are few."""
     names = sorted(known)
     similar = get_close_matches(str(name), names, 3)
     meant = f": did you mean {' or '.join(similar)}?" if similar else ""

@@ -79,7 +79,7 @@ def check_output(path: Path, inputs: Iterable[Path] = ()) -> None:
     Raises:
         DiffbotError: if the path is in a bag, or is an input, a link or a file of another kind.
     """
-    if reason := _bag_around(path):
+    if reason := _bag_problem(path):
         raise DiffbotError(f"cannot write to {path}: {reason}")
     try:
         mode = path.lstat().st_mode
@@ -93,17 +93,17 @@ def check_output(path: Path, inputs: Iterable[Path] = ()) -> None:
         raise DiffbotError(f"cannot write to {path}: it is neither a file nor a folder")
     if any(one.exists() and one.samefile(path) for one in inputs):
         raise DiffbotError(f"cannot write to {path}: the command reads it; choose another name")
-    begin = _begin_of(path, 256)
-    if begin and not begin.startswith(_REPORT) and not (begin.startswith(_PNG) and _MATPLOTLIB in begin):
+    first = _first_bytes(path, 256)
+    if first and not first.startswith(_REPORT) and not (first.startswith(_PNG) and _MATPLOTLIB in first):
         raise DiffbotError(f"{path} already exists and is not a report of diffbot; choose another name")
 
 
 def is_bag_folder(folder: Path) -> bool:
     """Return True if a folder is a rosbag2 bag, finished or unfinished."""
-    return (folder / f"{folder.name}_0.mcap").is_file() or _BAG in _begin_of(folder / "metadata.yaml", 4096)
+    return (folder / f"{folder.name}_0.mcap").is_file() or _BAG in _first_bytes(folder / "metadata.yaml", 4096)
 
 
-def _bag_around(path: Path) -> str:
+def _bag_problem(path: Path) -> str:
     """Return why a file must not be written to ``path``, if a folder above it is a bag; otherwise an empty text."""
     # Links are resolved, because they may lead into a bag.
     for folder in Path(os.path.realpath(path)).parents:
@@ -112,7 +112,7 @@ def _bag_around(path: Path) -> str:
     return ""
 
 
-def _begin_of(path: Path, size: int) -> bytes:
+def _first_bytes(path: Path, size: int) -> bytes:
     try:
         # Opening a FIFO would block.
         with path.open("rb") if path.is_file() else io.BytesIO() as file:
@@ -172,8 +172,10 @@ def replacing(path: Path, *, durable: bool = False, in_bag: bool = False) -> Ite
     Raises:
         OSError: if the file cannot be written, is not a regular file, or is in a bag.
     """
-    if not in_bag and (reason := _bag_around(path) or (_begin_of(path, len(MCAP)) == MCAP and "it is an MCAP file")):
+    if not in_bag and (reason := _bag_problem(path)):
         raise FileExistsError(errno.EEXIST, reason)
+    if not in_bag and _first_bytes(path, len(MCAP)) == MCAP:
+        raise FileExistsError(errno.EEXIST, "it is an MCAP file")
     if path.exists() and not path.is_file():
         raise FileExistsError(errno.EEXIST, "it is not a regular file")
     part = path.with_name(f".{path.name}.{os.getpid()}.part")

@@ -7,7 +7,7 @@ import time
 from collections import Counter, deque
 from collections.abc import Hashable
 
-_NEWEST = 2.0
+_EXPLAINS = 2.0
 """[s] A message dropped within this time explains why nothing is accepted from its topic."""
 DROP_MEMORY = 10.0
 """[s] A message dropped within this time causes a warning; the counters have no time limit."""
@@ -66,7 +66,7 @@ class Health:
             now: [s] steady time.
         """
         dropped, text = self._newest_drops.get(topic, (-math.inf, ""))
-        is_newest = dropped > self.last_received.get(topic, -math.inf) and now - dropped <= _NEWEST
+        is_newest = dropped > self.last_received.get(topic, -math.inf) and now - dropped <= _EXPLAINS
         return text if is_newest else ""
 
     def accept(self, topic: str, now: float) -> None:

@@ -159,7 +159,7 @@ def parameters_of(config_type: type[Any]) -> list[Parameter]:
 
 @functools.cache  # resolving annotations takes milliseconds
 def _parameters(config_type: Any) -> tuple[Parameter, ...]:
-    found = _unfold(config_type, config_type(), ())
+    found = _collect(config_type, config_type(), ())
     names = [parameter.name for parameter in found]
     twice = {name for name in names if names.count(name) > 1}
     if twice:
@@ -191,7 +191,7 @@ def variant(
     return made
 
 
-def _unfold(config_type: type[Any], default: Any, path: tuple[str, ...], partial: bool = False) -> list[Parameter]:
+def _collect(config_type: type[Any], default: Any, path: tuple[str, ...], partial: bool = False) -> list[Parameter]:
     found: list[Parameter] = []
     hints = get_type_hints(config_type, include_extras=True)
     for field in config_type._fields:
@@ -204,7 +204,7 @@ def _unfold(config_type: type[Any], default: Any, path: tuple[str, ...], partial
             parameter = Parameter(spec.parameter or field, here, str if coded else kind, value, spec, coded)
             found.append(parameter._replace(default=parameter.decode(value)))
         elif hasattr(kind, "_fields"):
-            found.extend(_unfold(kind, value, here, partial or spec == PARTIAL))
+            found.extend(_collect(kind, value, here, partial or spec == PARTIAL))
         elif not partial:
             raise TypeError(f"{config_type.__name__}.{field} has no Spec")
     return found

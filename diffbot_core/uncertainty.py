@@ -39,9 +39,9 @@ def largest_deviation(xx: float, xy: float, yy: float) -> float:
 _ROOT_2 = math.sqrt(2.0)
 _CHORD_STEP, _CHORD_TAIL, _MIN_CHORDS = 0.75, 5.0, 6
 """Chords in :func:`disc_probability`: largest step [sigmas], offset of the last chord [sigmas], smallest number."""
-_FAR = 8.0
+_MAX_SIGMAS = 8.0
 """[sigmas] between mean and bound; beyond it, the probability is 0 or 1"""
-_NONE = 1e-12
+_MIN_RATIO = 1e-12
 """Smaller ratios of sigma and radius count as zero, because their inverse would overflow."""
 
 
@@ -57,12 +57,12 @@ def disc_probability(offset: float, sigma: float, radius: float) -> float:
         sigma: [m]
         radius: [m]
     """
-    if sigma <= _NONE * radius:
+    if sigma <= _MIN_RATIO * radius:
         return 1.0 if offset <= radius else 0.0
     a, b = offset / sigma, radius / sigma
-    if b - a > _FAR:
+    if b - a > _MAX_SIGMAS:
         return 1.0
-    if not b - a > -_FAR:  # also if it is nan
+    if not b - a > -_MAX_SIGMAS:  # also if it is nan
         return 0.0
     width = 0.5 * math.pi / max(_MIN_CHORDS, math.ceil(0.5 * math.pi * b / _CHORD_STEP))
     total, angle = 0.5 * _chord(a, b, 0.0), width

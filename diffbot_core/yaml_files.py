@@ -146,7 +146,7 @@ def refuse_misspelt(path: Path, sections: Iterable[Section], node: str) -> None:
         raise DiffbotError(f"{shown(path)}: section {shown(nearly[0].name)}: did you mean {name}?")
 
 
-class GivenFiles:
+class ParameterFiles:
     """The parameter files of a process, to check that its nodes use them."""
 
     def __init__(self, ros_arguments: Iterable[str]) -> None:
@@ -186,7 +186,7 @@ class GivenFiles:
                 has = f"only {', '.join(names)}" if names else "none"
                 raise DiffbotError(f"{shown(path)} has no section for {' or '.join(self._nodes)}: {has}")
 
-    def located(self, error: Exception, node: str = "") -> str:
+    def error_text(self, error: Exception, node: str = "") -> str:
         """Return the text of an error with the name of the node and, for a parameter, the file that sets it.
 
         ``node`` is the full name of the node; by default, it is the node that was added last.

@@ -13,7 +13,7 @@ ENTRIES = {
     "diffbot.drive": "diffbot.simulation:drive",
     "diffbot.Recording": "diffbot.simulation:Recording",
     "diffbot.Simulation": "diffbot.simulation:Simulation",
-    "diffbot.robot": "diffbot.given:robot",
+    "diffbot.robot": "diffbot.arguments:robot",
     "diffbot.Controller": "diffbot.loop:Controller",
     "diffbot.Filter": "diffbot.loop:Filter",
     "diffbot.Navigator": "diffbot_control.ros.navigator:Navigator",

@@ -30,7 +30,7 @@ from diffbot_core.ros.watches import (
     subscriptions_of,
 )
 from diffbot_core.schema import C
-from diffbot_core.yaml_files import GivenFiles
+from diffbot_core.yaml_files import ParameterFiles
 
 MAX_ENTRIES = 1000
 """Largest number of entries in a request to a parameter service; a million entries would block a node for seconds."""
@@ -48,7 +48,7 @@ class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
     (parameter services, /clock).
     """
 
-    files: GivenFiles | None = None
+    files: ParameterFiles | None = None
     """parameter files of this process; set by :func:`diffbot_core.ros.run.run`"""
     qos_by_parameters = True
     """False for the nodes that record or replay, which have no parameters ``qos_overrides...``"""

@@ -23,7 +23,7 @@ from rclpy.signals import SignalHandlerOptions
 from diffbot_core.errors import DiffbotError, InvalidValueError, known_name
 from diffbot_core.ros.node import DiffbotNode
 from diffbot_core.ros.parameters import is_qos_override
-from diffbot_core.yaml_files import GivenFiles
+from diffbot_core.yaml_files import ParameterFiles
 
 SPIN_TIMEOUT = 0.05
 """[s] Longest time between two checks of the signal flag."""
@@ -93,7 +93,7 @@ def run(make_nodes: Factory, args: list[str] | None = None, *, shared_memory: bo
         os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
     words = sys.argv[1:] if args is None else args
     try:
-        DiffbotNode.files = files = GivenFiles(words[words.index("--ros-args") :] if "--ros-args" in words else ())
+        DiffbotNode.files = files = ParameterFiles(words[words.index("--ros-args") :] if "--ros-args" in words else ())
         stop = StopFlag()
         _init(args)
     except DiffbotError as error:
@@ -102,7 +102,7 @@ def run(make_nodes: Factory, args: list[str] | None = None, *, shared_memory: bo
     nodes: list[DiffbotNode[Any]] = []
     failed = True
     try:
-        _make(make_nodes, nodes, files)
+        _create(make_nodes, nodes, files)
         files.check_all_used()
         _check_parameters_used(nodes, words, files)
         _spin(nodes, stop)
@@ -115,7 +115,7 @@ def run(make_nodes: Factory, args: list[str] | None = None, *, shared_memory: bo
     return _status(nodes, failed)
 
 
-def _make(make_nodes: Factory, nodes: list[DiffbotNode[Any]], files: GivenFiles) -> None:
+def _create(make_nodes: Factory, nodes: list[DiffbotNode[Any]], files: ParameterFiles) -> None:
     """Create the nodes and append each one to ``nodes``, so that they are destroyed if a later node fails.
 
     Raises:
@@ -126,10 +126,10 @@ def _make(make_nodes: Factory, nodes: list[DiffbotNode[Any]], files: GivenFiles)
         for node in [made] if isinstance(made, DiffbotNode) else made:
             nodes.append(node)
     except (DiffbotError, ParameterException, InvalidParameterTypeException) as error:
-        raise DiffbotError(files.located(error)) from error
+        raise DiffbotError(files.error_text(error)) from error
 
 
-def _check_parameters_used(nodes: list[DiffbotNode[Any]], words: list[str], files: GivenFiles) -> None:
+def _check_parameters_used(nodes: list[DiffbotNode[Any]], words: list[str], files: ParameterFiles) -> None:
     """Raise DiffbotError if no node uses a given parameter; ROS would ignore the parameter silently."""
     names = {name for node in nodes for name in node.checked_parameters.names}
     for flag, word in itertools.pairwise(words):
@@ -151,7 +151,7 @@ def _check_parameters_used(nodes: list[DiffbotNode[Any]], words: list[str], file
         for name, value in node.checked_parameters.unknown.items():
             if not any(one.has_parameter(name) for one in nodes):
                 full_name = node.get_fully_qualified_name()
-                raise DiffbotError(files.located(InvalidValueError(name, value, known_name(name, names)), full_name))
+                raise DiffbotError(files.error_text(InvalidValueError(name, value, known_name(name, names)), full_name))
 
 
 def _init(args: list[str] | None) -> None:

@@ -5,7 +5,7 @@ import rclpy
 from rclpy.node import Node
 
 from diffbot_core.errors import DiffbotError, InvalidValueError
-from diffbot_core.yaml_files import GivenFiles, dump_yaml, load_yaml, read_sections, values_for
+from diffbot_core.yaml_files import ParameterFiles, dump_yaml, load_yaml, read_sections, values_for
 
 SECTIONS = """\
 /**: {ros__parameters: {p0: 1}}
@@ -31,7 +31,7 @@ def file(tmp_path):
 
 
 def given(*files):
-    return GivenFiles(word for one in files for word in ("--params-file", str(one)))
+    return ParameterFiles(word for one in files for word in ("--params-file", str(one)))
 
 
 @pytest.mark.parametrize("namespace", ["", "/r1", "/r1/arm", "/r2"])
@@ -82,12 +82,12 @@ def test_an_error_names_the_node_and_the_file_and_section_that_set_the_value(fil
     last = file("/**: {ros__parameters: {gate: -2.0}}\n/**/plant: {ros__parameters: {gate: -3.0}}", "last")
     error = InvalidValueError("gate", -2.0, ">= 0")
     files = given(first, last)
-    assert files.located(error) == "gate = -2.0: must be >= 0"
+    assert files.error_text(error) == "gate = -2.0: must be >= 0"
     files.add_node("/ekf")
-    assert files.located(error) == f"/ekf: gate = -2.0: must be >= 0 ({last}, section /**)"
-    typed = GivenFiles(["--params-file", str(first), "-p", "ekf:gate:=-2.0"])
+    assert files.error_text(error) == f"/ekf: gate = -2.0: must be >= 0 ({last}, section /**)"
+    typed = ParameterFiles(["--params-file", str(first), "-p", "ekf:gate:=-2.0"])
     typed.add_node("/ekf")
-    assert typed.located(error) == "/ekf: gate = -2.0: must be >= 0"
+    assert typed.error_text(error) == "/ekf: gate = -2.0: must be >= 0"
 
 
 def test_the_values_of_a_node_come_from_sections_of_any_namespace(file):

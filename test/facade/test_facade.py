@@ -45,7 +45,7 @@ def test_every_public_name_can_be_imported_and_an_unknown_name_is_refused():
         _ = diffbot.Simulator
 
 
-@pytest.mark.parametrize("module", ["given", "loop", "simulation"])
+@pytest.mark.parametrize("module", ["arguments", "loop", "simulation"])
 def test_the_examples_in_docstrings_give_the_results_shown(module):
     found = doctest.testmod(import_module(f"diffbot.{module}"))
     assert found.attempted > 0
