@@ -130,6 +130,7 @@ class ManagedNode(LifecycleNodeMixin, DiffbotNode[C]):  # type: ignore[misc]
 
     def destroy_node(self) -> None:
         """Destroy the node and its state machine; rclpy would keep the publisher of ~/transition_event."""
+        # The services of the node use handles of the state machine, so they are destroyed first.
         super().destroy_node()
         # The state machine is missing if a parameter was refused.
         machine = getattr(self, "_state_machine", None)
