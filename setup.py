@@ -26,7 +26,6 @@ LAWS = {
     "pure_pursuit": "diffbot_lab.laws.pure_pursuit:PurePursuit",
     "rotate_drive_rotate": "diffbot_lab.laws.rotate_drive_rotate:RotateDriveRotate",
 }
-PACKAGES = ("diffbot", "diffbot_core", "diffbot_control", "diffbot_bag", "diffbot_sim", "diffbot_tools", "diffbot_lab")
 CONFIGS = {
     "controller": "diffbot_control.ros.parameters.controller:ControllerNodeConfig",
     "paper": "diffbot_control.law.configuration:PaperConfig",
@@ -86,11 +85,11 @@ setup(
     maintainer="The diffbot authors",
     maintainer_email="diffbot@users.noreply.example",
     python_requires=">=3.10",
-    packages=find_packages(include=[pattern for name in PACKAGES for pattern in (name, f"{name}.*")]),
+    packages=find_packages(include=["diffbot", "diffbot_*"]),
     package_data={
-        **{name: ["py.typed"] for name in PACKAGES},
+        "": ["py.typed"],
         "diffbot_lab.benchmark": ["*.json"],
-        "diffbot_tools": ["py.typed", "*.xml"],
+        "diffbot_tools": ["*.xml"],
         "diffbot_tools.view": ["page/*"],
     },
     data_files=[
