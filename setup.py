@@ -1,24 +1,20 @@
-"""One build for two worlds: `colcon build` on a ROS 2 installation, `pip install` without one."""
+"""Build for `colcon build` on a ROS 2 installation and for `pip install` without ROS."""
 
 from glob import glob
 from pathlib import Path
 
 from setuptools import find_packages, setup
 
-# After setuptools, which provides distutils where Python no longer does.
+# setuptools provides distutils, which Python 3.12 and later do not contain.
 from distutils.command.install_data import install_data  # isort: skip
 
 NAME = "diffbot"
-"""of the ROS package"""
-DISTRIBUTION = "diffbot-ros"
-"""name for pip: the index has another diffbot; see diffbot_core/installed.py"""
-EXECUTABLES = {
-    name: f"diffbot.executables:{name}"
-    for name in (
-        *("controller_node", "docking_node", "ekf_node", "plant_node", "recorder_node", "replay_node", "robot_node"),
-        "diffbot",
-    )
-}
+"""Name of the ROS package."""
+EXECUTABLES = (
+    *("controller_node", "docking_node", "ekf_node", "plant_node", "recorder_node", "replay_node", "robot_node"),
+    "diffbot",
+)
+"""Names of functions in diffbot/executables.py."""
 LAWS = {
     "switching": "diffbot_control.law.switching:SwitchingLaw",
     "docking": "diffbot_control.law.docking:Docking",
@@ -30,7 +26,6 @@ LAWS = {
     "pure_pursuit": "diffbot_lab.laws.pure_pursuit:PurePursuit",
     "rotate_drive_rotate": "diffbot_lab.laws.rotate_drive_rotate:RotateDriveRotate",
 }
-PACKAGES = ("diffbot", "diffbot_core", "diffbot_control", "diffbot_bag", "diffbot_sim", "diffbot_tools", "diffbot_lab")
 CONFIGS = {
     "controller": "diffbot_control.ros.parameters.controller:ControllerNodeConfig",
     "paper": "diffbot_control.law.configuration:PaperConfig",
@@ -49,16 +44,16 @@ COMMANDS = {
 }
 SHIM = """\
 #!/bin/sh
-# `ros2 run` and `ros2 launch` look here, pip installs commands in bin only.
+# For `ros2 run` and `ros2 launch`, which look in lib/diffbot; pip installs commands in bin only.
 exec "$(dirname "$0")/../../bin/{name}" "$@"
 """
 
 
 class InstallDataAndShims(install_data):
-    """Adds lib/diffbot/NAME for each executable, unless colcon puts the console scripts there."""
+    """Installs the data files, and a shim lib/diffbot/NAME for each executable unless colcon installs it there."""
 
     def run(self) -> None:
-        """Install the data files, then write the shims beside them."""
+        """Install the data files and the shims."""
         super().run()
         folder = Path(self.install_dir, "lib", NAME)
         if Path(self.get_finalized_command("install").install_scripts) == folder:
@@ -72,7 +67,7 @@ class InstallDataAndShims(install_data):
 
 
 setup(
-    name=DISTRIBUTION,
+    name="diffbot-ros",  # on PyPI, the name diffbot belongs to another project; see diffbot_core/installed.py
     version="0.1.0",
     description="Drives a differential-drive robot to a goal pose with a switching law and an EKF",
     long_description=Path(__file__).resolve().with_name("README.md").read_text(encoding="utf-8"),
@@ -90,11 +85,11 @@ setup(
     maintainer="The diffbot authors",
     maintainer_email="diffbot@users.noreply.example",
     python_requires=">=3.10",
-    packages=find_packages(include=[pattern for name in PACKAGES for pattern in (name, f"{name}.*")]),
+    packages=find_packages(include=["diffbot", "diffbot_*"]),
     package_data={
-        **{name: ["py.typed"] for name in PACKAGES},
+        "": ["py.typed"],
         "diffbot_lab.benchmark": ["*.json"],
-        "diffbot_tools": ["py.typed", "*.xml"],
+        "diffbot_tools": ["*.xml"],
         "diffbot_tools.view": ["page/*"],
     },
     data_files=[
@@ -109,14 +104,14 @@ setup(
         (f"share/{NAME}/urdf", sorted(glob("urdf/*.urdf"))),
     ],
     entry_points={
-        "console_scripts": [f"{name} = {function}" for name, function in EXECUTABLES.items()],
+        "console_scripts": [f"{name} = diffbot.executables:{name}" for name in EXECUTABLES],
         "diffbot.commands": [f"{name} = {place}" for name, place in COMMANDS.items()],
         "diffbot.parameters": [f"{name} = {place}" for name, place in CONFIGS.items()],
         "diffbot.controllers": [f"{name} = {place}" for name, place in LAWS.items()],
     },
     cmdclass={"install_data": InstallDataAndShims},
     zip_safe=False,
-    # Not what a ROS installation brings without pip knowing it (rclpy, messages): see jazzy below.
+    # rclpy and the messages belong to a ROS installation, where pip does not find them; see the extra jazzy.
     install_requires=[
         "argcomplete>=2.0",
         "filterpy>=2.0",
@@ -125,7 +120,7 @@ setup(
         "numpy>=1.26",
         "platformdirs>=3.0",
         "PyYAML>=6.0",
-        "rosbags>=0.10",  # decodes and encodes messages, also where ROS is not installed
+        "rosbags>=0.10",  # encodes and decodes messages without ROS
         "ruamel.yaml>=0.17.21",
         "scipy>=1.11",
         "tqdm>=4.60",
@@ -138,15 +133,15 @@ setup(
         "gym": ["gymnasium>=1.1", "numba>=0.60"],
         "pandas": ["pandas>=2.0"],
         "test": [
-            "evo>=1.31",  # reads our trajectories, as a program of others
+            "evo>=1.31",  # reads exported trajectories
             "hypothesis>=6.100",
-            "mcap-ros2-support>=0.5",  # decodes messages, beside rclpy, which the tests compare with
-            "nbformat>=5.10",  # reads the notebook in examples/, whose cells a test runs
+            "mcap-ros2-support>=0.5",  # decodes messages of recorded bags
+            "nbformat>=5.10",  # reads the notebook in examples/
             "playwright>=1.49",
             "pytest>=8.0",
             "pytest-timeout>=2.2",
             "pytest-xdist>=3.5",
-            "python-flint>=0.6",  # ball arithmetic, which the interval functions of the certificates are held against
+            "python-flint>=0.6",  # reference for the interval arithmetic of the certificates
         ],
         "lint": [
             "import-linter>=2.1",

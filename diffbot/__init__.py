@@ -1,4 +1,4 @@
-"""Go-to-pose for differential-drive robots, without ROS: the names that most programs need.
+"""Drive differential-drive robots to goal poses, without ROS: the Python interface of diffbot.
 
     import diffbot
 
@@ -6,8 +6,8 @@
     print(run)
     run.plot("drive.png")
 
-Poses are x [m], y [m] and heading [rad] in map, as a tuple or a :class:`Pose`; paths are texts or ``Path``. A name is
-imported when it is used first, so that ``import diffbot`` loads no other library.
+A pose is a tuple or a :class:`Pose` with x [m], y [m] and heading [rad] in map. A path is a text or a ``Path``. Each
+name is imported at its first use, so that ``import diffbot`` loads no other library.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from diffbot.given import robot
+    from diffbot.arguments import robot
     from diffbot.loop import Controller, Filter
     from diffbot.simulation import Recording, Simulation, drive
     from diffbot_bag.bag import BagReader as Bag
@@ -37,7 +37,7 @@ _PLACES = {
     "ROBOTS": "diffbot_tools.robot_description:PRESETS",
     **dict.fromkeys(("Recording", "Simulation", "drive"), "diffbot.simulation"),
     "Twist": "diffbot_core.kinematics",
-    "robot": "diffbot.given",
+    "robot": "diffbot.arguments",
 }
 __all__ = [
     "ROBOTS", "Bag", "Controller", "DiffbotError", "Filter", "Navigator", "Pose", "Recording", "Simulation", "Twist",
@@ -53,14 +53,14 @@ def __getattr__(name: str) -> Any:
         try:
             value = getattr(import_module(module), attribute or name)
         except ModuleNotFoundError as error:
-            from diffbot_core.errors import DiffbotError  # noqa: PLC0415 - the import of diffbot loads nothing
+            from diffbot_core.errors import DiffbotError  # noqa: PLC0415 - `import diffbot` loads nothing else
             from diffbot_core.launcher import ros_hint  # noqa: PLC0415
 
             if hint := ros_hint(error):
                 raise DiffbotError(f"{name} {hint}") from error
             raise
     else:
-        raise AttributeError(f"diffbot has no {name!r}, but {', '.join(__all__)}")
+        raise AttributeError(f"module 'diffbot' has no attribute {name!r}; it has {', '.join(__all__)}")
     globals()[name] = value
     return value
 

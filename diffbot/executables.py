@@ -1,4 +1,4 @@
-"""The executables. Nothing else is imported here, so that a signal ends them silently during their imports."""
+"""Entry points of the executables. Only the launcher is imported here, so that a signal during imports is handled."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from functools import partial
 from diffbot_core.launcher import launch
 
 _INTERRUPTED = 130
-"""Exit status of a command that was interrupted."""
+"""Exit status of a shell command after SIGINT."""
 
 controller_node = partial(launch, "diffbot_control.controller_node")
 docking_node = partial(launch, "diffbot_control.docking_node")

@@ -1,4 +1,4 @@
-"""Controller and filter of a robot in a loop of one's own."""
+"""Controller and filter of a robot, for use in your own loop."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from diffbot.given import AnyPose, AnyRobot, goal_of, pose_of, robot_of, sigma_of, time_of, with_parameters
+from diffbot.arguments import AnyPose, AnyRobot, goal_of, pose_of, robot_of, sigma_of, time_of, with_parameters
 from diffbot_control.filter.covariance import uncertainty_of
 from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.measurement import pose_fix
@@ -22,11 +22,11 @@ from diffbot_core.stamps import NS_PER_S
 from diffbot_core.uncertainty import Uncertainty
 
 _LEAST_SIGMA = 1e-9
-"""of a fix: without any uncertainty its covariance is singular"""
+"""Smallest standard deviation of a fix; the covariance of an exact fix is singular."""
 
 
 class Controller(Supervisor):
-    """Answers each pose with a command, and each goal with how it ended.
+    """Controller of a robot: returns a command for each pose, and reports how each goal ended.
 
     Examples:
         >>> import diffbot
@@ -39,37 +39,37 @@ class Controller(Supervisor):
     """
 
     def __init__(self, robot: AnyRobot | None = None, **parameters: Any) -> None:
-        """Take a robot's controller, or the default one, with some parameters changed.
+        """Create the controller of a robot with some parameters changed.
 
         Args:
-            robot: parameter file, name of one of ROBOTS, or :func:`robot`; None: the defaults of the node.
-            parameters: by their names in docs/reference/parameters, with ``_`` for the dots.
+            robot: parameter file, name in ROBOTS, or result of :func:`robot`. None uses the defaults of the node.
+            parameters: new values by the names in docs/reference/parameters, with ``_`` in place of dots.
 
         Raises:
-            DiffbotError: in one line, for a robot or a value that cannot be used.
+            DiffbotError: if the robot is unknown or a value is not allowed.
         """
         node = ControllerNodeConfig() if robot is None else robot_of(robot).controller
         super().__init__(with_parameters(node.supervisor, parameters), law_of(node.law))
         self._time = -math.inf
 
     def go_to(self, goal: AnyPose) -> None:
-        """Drive to ``goal`` from the next pose on; it replaces the present one. ``on_cancel()`` drops it.
+        """Start to drive to ``goal`` in place of the present goal. ``on_cancel()`` cancels the goal.
 
         Raises:
-            InvalidValueError: for a goal that is not three numbers.
+            InvalidValueError: if the goal is not three finite numbers.
         """
         self.on_goal(goal_of("goal", goal), GoalRequest(source="go_to"))
 
     def step(self, time: float, pose: AnyPose, sigma: Sequence[float] = (0.0, 0.0)) -> Twist:
-        """Answer a pose with the command until the next one; zero without a goal.
+        """Return the command for a pose, which is zero without a goal.
 
         Args:
-            time: [s] of the pose, rising.
-            pose: estimate in the frame of the goal.
-            sigma: its standard deviations [m], [rad]; zero: exact.
+            time: [s] time of the pose, later than the time of the previous pose.
+            pose: estimated pose in the frame of the goal.
+            sigma: standard deviations of the pose [m], [rad]; zero if the pose is exact.
 
         Raises:
-            InvalidValueError: for a time that does not rise, a pose or a sigma that cannot be used.
+            InvalidValueError: if an argument is not finite, or ``time`` is not later than before.
         """
         at, uncertainty = pose_of("pose", pose), sigma_of(sigma)
         self._time = time_of(time, self._time)
@@ -77,12 +77,12 @@ class Controller(Supervisor):
 
     @property
     def end(self) -> str:
-        """How the newest goal ended: reached, not reached, cancelled ...; empty while it is driven to."""
+        """How the newest goal ended, such as "reached", "not reached" or "cancelled"; empty before its end."""
         return self.goals.ended[-1].end if self.goals.present is None and self.goals.ended else ""
 
 
 class Filter(Localization):
-    """Estimates a pose from odometry and from poses that come late, seldom and with noise.
+    """Filter of a robot: estimates its pose from odometry and from late, rare and noisy fixes.
 
     Examples:
         >>> import diffbot
@@ -95,40 +95,40 @@ class Filter(Localization):
     """
 
     def __init__(self, robot: AnyRobot | None = None, **parameters: Any) -> None:
-        """Take a robot's filter, or the default one, with some parameters changed; see :class:`Controller`.
+        """Create the filter of a robot with some parameters changed; arguments as for :class:`Controller`.
 
         Raises:
-            DiffbotError: in one line, for a robot or a value that cannot be used.
+            DiffbotError: if the robot is unknown or a value is not allowed.
         """
         node = with_parameters(EkfNodeConfig() if robot is None else robot_of(robot).ekf, parameters)
         super().__init__(node.localization, node.wheels.wheel_separation)
 
     def fix(self, time: float, pose: AnyPose, sigma: Sequence[float]) -> None:
-        """Take a measured pose; it may be older than the newest odometry by ``history_length``.
+        """Add a measured pose, which may be older than the newest odometry by up to ``history_length``.
 
         Args:
-            time: [s] at which it was true.
-            pose: in map.
-            sigma: its standard deviations [m], [rad].
+            time: [s] time of the measurement.
+            pose: measured pose in map.
+            sigma: standard deviations of the pose [m], [rad].
 
         Raises:
-            DiffbotError: for a fix that is too old, or a value that cannot be used.
+            DiffbotError: if the fix is too old, or an argument is not allowed.
         """
         xy, theta = sigma_of(sigma, _LEAST_SIGMA)
         R = np.diag(np.square((xy, xy, theta)))
         self.on_measurement(pose_fix(round(time_of(time) * NS_PER_S), pose_of("pose", pose), R))
 
     def odometry(self, time: float, v: float, omega: float, sigma: Sequence[float] = (0.0, 0.0)) -> Pose:
-        """Move by the mean velocity since the last odometry, and return the estimate.
+        """Add the mean velocity since the previous odometry, and return the estimated pose.
 
         Args:
-            time: [s] of the end of the motion, rising.
+            time: [s] end of the motion, later than the previous odometry.
             v: [m/s]
             omega: [rad/s]
-            sigma: standard deviations of both; zero: by alpha1 to alpha3.
+            sigma: standard deviations of ``v`` and ``omega``; if zero, the parameters alpha1 to alpha3 define them.
 
         Raises:
-            DiffbotError: before the first fix, for a time that does not rise, or a sigma that cannot be used.
+            DiffbotError: before the first fix, or if an argument is not allowed.
         """
         sigma_v, sigma_omega = sigma_of(sigma)
         covariance = TwistCovariance(sigma_v**2, 0.0, sigma_omega**2)
@@ -136,5 +136,5 @@ class Filter(Localization):
 
     @property
     def sigma(self) -> Uncertainty:
-        """Standard deviations of the estimate: xy [m], theta [rad]."""
+        """Standard deviations of the estimate: ``xy`` [m] and ``theta`` [rad]."""
         return uncertainty_of(self.estimate().P)

@@ -1,4 +1,4 @@
-"""Simulate drives and summarise how they ended."""
+"""Simulate drives of a robot to goal poses, and return their recordings."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from diffbot.given import AnyPose, AnyRobot, goal_of, robot_of, seed_of
+from diffbot.arguments import AnyPose, AnyRobot, goal_of, robot_of, seed_of
 from diffbot_core.errors import DiffbotError
 from diffbot_core.installed import install_hint
-from diffbot_sim import simulation as simulated
 from diffbot_sim.config import StartPose
+from diffbot_sim.simulation import Drive, SimulatedRobot
 
 if TYPE_CHECKING:
     import pandas
@@ -22,8 +22,8 @@ Array = NDArray[np.float64]
 DEFAULT_ROBOT = "turtlebot3_burger"
 
 
-class Recording(simulated.Drive):
-    """One goal, how it ended, and a row for each step on the way.
+class Recording(Drive):
+    """Recording of a drive to one goal: its end, and one row for each step.
 
     Examples:
         >>> import diffbot
@@ -39,8 +39,9 @@ class Recording(simulated.Drive):
         *("time", "x", "y", "theta", "estimate_x", "estimate_y", "estimate_theta"),
         *("v", "omega", "sigma", "region", "reached"),
     )
-    """Time [s]; true pose and estimate [m, m, rad], nan before the first fix; command [m/s, rad/s]; standard deviation
-    of the estimated position [m]; region (0: Omega_G, 1: Omega_L); 1 once the goal is reached."""
+    """Time [s], true pose [m, m, rad], estimated pose [m, m, rad] (nan before the first fix), command [m/s, rad/s],
+    standard deviation of the estimated position [m], region (0: Omega_G, 1: Omega_L), and 1 after the goal was reached,
+    otherwise 0."""
 
     def __repr__(self) -> str:
         """Return a one-line summary of how the goal ended."""
@@ -51,11 +52,11 @@ class Recording(simulated.Drive):
     __str__ = __repr__
 
     def to_numpy(self) -> Array:
-        """Return (n, 12) numbers, a row for each step; columns as COLUMNS."""
+        """Return an array (n, 12) with a row for each step and the columns COLUMNS."""
         return np.column_stack(self[3:]).astype(np.float64)
 
     def to_pandas(self) -> pandas.DataFrame:
-        """Return the same as a table, indexed by time.
+        """Return a table with a row for each step and the columns COLUMNS, indexed by time.
 
         Raises:
             DiffbotError: if pandas is not installed.
@@ -67,15 +68,15 @@ class Recording(simulated.Drive):
         return pandas.DataFrame(self.to_numpy(), columns=list(self.COLUMNS)).set_index("time")
 
     def plot(self, path: str | PathLike[str] | None = None) -> Any:
-        """Draw the path, and the distance from the goal over time; return the figure of matplotlib.
+        """Plot the path and the distance from the goal over time; return the figure of matplotlib.
 
         Args:
-            path: file to write, e.g. ``drive.png``; None: only return it, for a notebook or ``pyplot.show()``.
+            path: file to write, e.g. ``drive.png``. None writes no file, for a notebook or ``pyplot.show()``.
 
         Raises:
             DiffbotError: if the file cannot be written.
         """
-        from matplotlib import pyplot  # noqa: PLC0415 - takes a second to load
+        from matplotlib import pyplot  # noqa: PLC0415 - the import takes a second
 
         from diffbot_tools.robot_trial import draw_drives  # noqa: PLC0415
 
@@ -91,8 +92,8 @@ class Recording(simulated.Drive):
         return figure
 
 
-class Simulation(simulated.Simulation):
-    """A simulated robot with its filter and its controller; time goes on from drive to drive.
+class Simulation(SimulatedRobot):
+    """Simulated robot with filter and controller. Each drive starts where the previous drive ended.
 
     Examples:
         >>> import diffbot
@@ -104,19 +105,19 @@ class Simulation(simulated.Simulation):
     """
 
     def __init__(self, robot: AnyRobot = DEFAULT_ROBOT, start: AnyPose | None = None, seed: int = 1) -> None:
-        """Put the robot at ``start``, or where its file says; ``seed`` names all noise.
+        """Create a simulation; arguments as for :func:`diffbot.drive`.
 
         Raises:
-            DiffbotError: in one line, for a robot or a start that cannot be used.
+            DiffbotError: if the robot is unknown or an argument is not allowed.
         """
         at = None if start is None else StartPose(*goal_of("start", start))
         super().__init__(*robot_of(robot).parts(seed_of(seed), at))
 
     def drive(self, goal: AnyPose) -> Recording:
-        """Drive until the goal is answered: reached, or not and why.
+        """Drive to a goal until it is reached or given up.
 
         Raises:
-            InvalidValueError: for a goal that is not three numbers.
+            InvalidValueError: if the goal is not three finite numbers.
         """
         return Recording(*super().drive(goal_of("goal", goal)))
 
@@ -130,12 +131,12 @@ def drive(goal: AnyPose, robot: AnyRobot = DEFAULT_ROBOT, start: AnyPose | None 
         True
 
     Args:
-        goal: x [m], y [m], heading [rad] in map.
-        robot: parameter file, name of one of ROBOTS, or :func:`robot`.
-        start: where it starts; None: where its file says, (0, 0, 0) for ROBOTS.
-        seed: of all noise.
+        goal: x [m], y [m] and heading [rad] in map.
+        robot: parameter file, name in ROBOTS, or result of :func:`robot`.
+        start: pose at the start. None uses the start in the parameter file, which is (0, 0, 0) for ROBOTS.
+        seed: seed of all noise; the same seed gives the same drive.
 
     Raises:
-        DiffbotError: in one line, for a robot, goal or start that cannot be used.
+        DiffbotError: if the robot is unknown or an argument is not allowed.
     """
     return Simulation(robot, start, seed).drive(goal)

@@ -1,4 +1,4 @@
-"""The data sheet of a robot: bounds of its commands, and what lies between a command and the motion."""
+"""The data sheet of a robot: limits of its commands, and delays between a command and the motion."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ CommandLatency: TypeAlias = Annotated[
 
 @known_fields
 class DataSheet(NamedTuple):
-    """The limits and delays of a robot; ``inf`` means no limit. Parameter names are those of diff_drive_controller.
+    """Limits and delays of a robot; ``inf`` means no limit. Parameters are named as in diff_drive_controller.
 
-    The default velocities are those of the paper's robot at 1.3 m/s per wheel rim: 26 rad/s with its wheels.
+    The defaults are the velocities of the paper's robot at a rim speed of 1.3 m/s, which is 26 rad/s of a wheel.
     """
 
     v_max: Annotated[
@@ -68,19 +68,15 @@ class DataSheet(NamedTuple):
     min_rotation: Annotated[float, Spec("smallest |omega| that turns the robot (dead band)", "rad/s", 0.0, 10.0)] = 0.0
 
     def check(self) -> None:
-        """Refuse a dead band above the bound of the velocity: no command would move the robot.
-
-        Raises:
-            InvalidValueError: if it is.
-        """
+        """Raise InvalidValueError if a dead band exceeds its velocity limit: no command would move the robot."""
         pairs = (("min_velocity", self.min_velocity, self.v_max), ("min_rotation", self.min_rotation, self.omega_max))
-        for name, least, largest in pairs:
-            if least > largest:
-                raise InvalidValueError(name, least, f"<= the bound of the velocity, {largest:g}")
+        for name, dead_band, limit in pairs:
+            if dead_band > limit:
+                raise InvalidValueError(name, dead_band, f"<= {limit:g}, the largest velocity")
 
 
 PAPER_DATA_SHEET = DataSheet(1.3, _INF, _INF, _INF, _INF)
-"""The paper's robot: nothing but |v| is bounded."""
+"""The paper's robot, which has a limit for |v| only."""
 
 
 def rim_speed(data_sheet: DataSheet) -> float:

@@ -1,9 +1,22 @@
-"""Publishers and subscriptions of one topic: if they match, and in words what to do if they do not. Free of ROS."""
+"""Check whether publishers and subscriptions of a topic match, and describe the remedy. Does not need ROS."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from typing import NamedTuple
+
+OBSERVERS = (
+    *("_ros2cli", "rosbag2_", "recorder", "watch", "rviz", "rqt", "foxglove_bridge", "plotjuggler"),
+    "diffbot_check",
+)
+"""Prefixes of the names of nodes that subscribe to cmd_vel and do not drive a robot."""
+_MAX_OTHERS = 3
+"""Largest number of topics that are listed as alternatives."""
+TWIST, TWIST_STAMPED = "geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"
+TYPE_WORDS = {TWIST: "twist", TWIST_STAMPED: "twist_stamped"}
+"""Values of the parameter cmd_vel_type by message type."""
+AUTO = "auto"
+"""Value of cmd_vel_type that selects the type to which the base subscribes."""
 
 
 class Endpoint(NamedTuple):
@@ -14,9 +27,9 @@ class Endpoint(NamedTuple):
     type: str
     """of its messages, e.g. ``geometry_msgs/msg/Twist``"""
     is_reliable: bool = True
-    """a publisher offers reliable delivery, a subscription requests it"""
+    """the publisher offers reliable delivery, or the subscription requests it"""
     is_latched: bool = False
-    """a publisher offers transient local durability, a subscription requests it"""
+    """the publisher offers transient local durability, or the subscription requests it"""
 
     @property
     def short_type(self) -> str:
@@ -25,7 +38,7 @@ class Endpoint(NamedTuple):
 
 
 def qos_mismatch(publisher: Endpoint, subscription: Endpoint) -> tuple[str, str]:
-    """Return the policy that keeps messages from a subscription, and what it requests; two empty texts if none does."""
+    """Return the QoS policy that does not match and the value that is requested; empty texts if all policies match."""
     if subscription.is_reliable and not publisher.is_reliable:
         return "reliability", "reliable"
     is_late = subscription.is_latched and not publisher.is_latched
@@ -33,17 +46,20 @@ def qos_mismatch(publisher: Endpoint, subscription: Endpoint) -> tuple[str, str]
 
 
 def input_problem(topic: str, own: Endpoint, publishers: Sequence[Endpoint], elsewhere: Collection[str] = ()) -> str:
-    """Return why nothing can arrive at a subscription from any publisher of its topic; empty if one matches.
+    """Return why the subscription ``own`` receives nothing from any publisher; empty if one publisher matches.
 
-    ``elsewhere`` are other topics of the same type that are published, and that the node does not use.
+    ``elsewhere`` are published topics of the same type to which the node does not subscribe.
     """
-    others = " to " + " or ".join(sorted(elsewhere)[:_MAX_OTHERS]) if elsewhere else ""
-    problem = f"nothing publishes {topic}: start its source, or remap {topic}{others}"
-    name = topic.rpartition("/")[2]
-    if same_name := [other for other in sorted(elsewhere) if other.endswith(f"/{name}")]:
-        namespace = same_name[0].removesuffix(f"/{name}") or "/"
-        remedy = f"run all nodes in the namespace {namespace}, or remap {topic} to {same_name[0]}"
-        problem = f"nothing publishes {topic}: {remedy}"
+    if not publishers:
+        name = topic.rpartition("/")[2]
+        for other in sorted(elsewhere):
+            if other.endswith(f"/{name}"):
+                namespace = other.removesuffix(f"/{name}") or "/"
+                remedy = f"run all nodes in the namespace {namespace}, or remap {topic} to {other}"
+                return f"nothing publishes {topic}: {remedy}"
+        others = " to " + " or ".join(sorted(elsewhere)[:_MAX_OTHERS]) if elsewhere else ""
+        return f"nothing publishes {topic}: start its source, or remap {topic}{others}"
+    problem = ""
     for one in publishers:
         policy, request = qos_mismatch(one, own)
         if one.type != own.type:
@@ -56,46 +72,26 @@ def input_problem(topic: str, own: Endpoint, publishers: Sequence[Endpoint], els
     return problem
 
 
-OBSERVERS = (
-    "_ros2cli",
-    "rosbag2_",
-    "recorder",
-    "watch",
-    "rviz",
-    "rqt",
-    "foxglove_bridge",
-    "plotjuggler",
-    "diffbot_check",
-)
-"""Beginnings of the names of nodes that subscribe to look on, and drive nothing."""
-_MAX_OTHERS = 3
-"""topics that are listed as an alternative"""
-TWIST, TWIST_STAMPED = "geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"
-TYPE_WORDS = {TWIST: "twist", TWIST_STAMPED: "twist_stamped"}
-AUTO = "auto"
-"""Values of the parameter cmd_vel_type: the types, and the one that the base subscribes to."""
-
-
 def is_observer(node: str) -> bool:
-    """Return True if a node, given by its full name, subscribes to look on only."""
+    """Return True if a node, given by its full name, only observes topics."""
     return node.rpartition("/")[2].startswith(OBSERVERS)
 
 
 def bases(subscriptions: Sequence[Endpoint]) -> list[Endpoint]:
-    """Return the subscriptions to cmd_vel that may drive a robot: those of other nodes than observers."""
+    """Return the subscriptions to cmd_vel that may drive a robot, which are all except the observers'."""
     return [one for one in subscriptions if not is_observer(one.node)]
 
 
 def followed_type(present: str, subscriptions: Sequence[Endpoint]) -> str:
-    """Return the type that commands should have: the subscriptions', or the present one if these do not agree."""
+    """Return the type to which the bases subscribe; the ``present`` type if they do not agree on one."""
     types = {one.type for one in bases(subscriptions) if one.type in TYPE_WORDS}
     return types.pop() if len(types) == 1 else present
 
 
 def command_problem(topic: str, own: Endpoint, subscriptions: Sequence[Endpoint], elsewhere: Collection[str]) -> str:
-    """Return which subscription to cmd_vel gets no commands, or that there is none; empty if all get them.
+    """Return which base does not receive the commands of the publisher ``own``; empty if all bases receive them.
 
-    ``own`` is the publisher; ``elsewhere`` are other topics of commands, which have subscriptions.
+    ``elsewhere`` are other topics of commands to which nodes subscribe.
     """
     found = bases(subscriptions)
     if not found:

@@ -1,4 +1,4 @@
-"""Exceptions that diffbot raises on purpose, all derived from :class:`DiffbotError`, and texts for their messages."""
+"""Exceptions of diffbot, all derived from :class:`DiffbotError`, and helpers for their texts."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 
 MAX_SHOWN = 200
-"""characters of a text from outside in a message"""
+"""[characters] Longer texts from outside are cut in a message."""
 _MAX_BITS = 256
-"""of a whole number that is shown: the digits of larger ones take Python quadratic time"""
+"""Larger integers are not shown in digits, because the conversion takes quadratic time."""
 _MAX_NAMES = 20
-"""known names that are listed"""
+"""Largest number of known names that are listed."""
 
 
 class _ShortRepr(reprlib.Repr):
-    """Shows a value in a bounded length, and looks at a bounded part of it."""
+    """Represents a value in a bounded length and in a bounded time."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -30,14 +30,14 @@ _SHORT = _ShortRepr()
 
 
 class DiffbotError(Exception):
-    """Base of all errors of this package; its text is one line, meant to be shown to a user."""
+    """Base of all errors of this package; its text is one line for the user."""
 
 
 class InvalidValueError(DiffbotError):
     """A value from outside (parameter, file, flag) that is not allowed."""
 
     def __init__(self, name: str, value: object, bound: str = "", sentence: str = "") -> None:
-        """Name the field, its value and what is wrong.
+        """Create the error.
 
         Args:
             name: name of the field as the user knows it, e.g. ``gamma``.
@@ -52,21 +52,26 @@ class InvalidValueError(DiffbotError):
         self.sentence = sentence
 
     def __reduce__(self) -> tuple[type[InvalidValueError], tuple[str, object, str, str]]:
-        """Keep all fields when pickled: by default an exception is rebuilt from its text alone."""
+        """Pickle all fields; by default, only the text of an exception is pickled."""
         return type(self), (self.name, self.value, self.bound, self.sentence)
 
 
 class BadMessageError(DiffbotError):
-    """A message that cannot be used; ``kind`` is a short stable phrase under which it is counted."""
+    """A message that cannot be used."""
 
     def __init__(self, kind: str, detail: str = "") -> None:
-        """Give the stable ``kind`` (a counter's name) and, for the log, the offending value."""
+        """Create the error.
+
+        Args:
+            kind: short constant phrase under which such messages are counted.
+            detail: the value that is wrong, for the log.
+        """
         super().__init__(f"{kind}: {detail}" if detail else kind)
         self.kind = kind
 
 
 def known_name(name: str, known: Iterable[str]) -> str:
-    """Return the bound of a name that is not among the ``known`` ones: similar names, and the list if it is short."""
+    """Return the text after "must be" for an unknown name: similar names, and all known names if they are few."""
     names = sorted(known)
     similar = get_close_matches(str(name), names, 3)
     meant = f": did you mean {' or '.join(similar)}?" if similar else ""
@@ -77,7 +82,7 @@ def known_name(name: str, known: Iterable[str]) -> str:
 
 
 def shown(value: object) -> str:
-    """Return a text from outside as it can stand in a message of one line: printable, and of a bounded length."""
+    """Return a text from outside for a message of one line: printable, and cut if it is long."""
     text = str(value)
     if len(text) > MAX_SHOWN:
         text = text[:MAX_SHOWN] + "..."

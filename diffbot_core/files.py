@@ -1,4 +1,4 @@
-"""Files: read within bounds, checked before they are written, and replaced whole or not at all; folders of the user."""
+"""Read files of limited size, check output paths, replace files atomically, and find the user's folders."""
 
 from __future__ import annotations
 
@@ -22,22 +22,23 @@ import platformdirs
 from diffbot_core.errors import DiffbotError, InvalidValueError, shown
 
 MCAP = b"\x89MCAP0\r\n"
-"""the first bytes of an MCAP file"""
+"""The first bytes of an MCAP file."""
 _BAG = b"rosbag2_bagfile_information"
-"""occurs in the metadata.yaml of a bag"""
+"""The metadata.yaml of every bag contains this key."""
 _REPORT = (b"<", b"{")
-"""first byte of a report that a command writes: HTML or JSON"""
-_PICTURE, _PLOTTED = b"\x89PNG", b"Matplotlib"
-"""first bytes of a picture, and what stands near them in a picture that a command draws"""
+"""The first byte of a report: HTML, XML or JSON."""
+_PNG, _MATPLOTLIB = b"\x89PNG", b"Matplotlib"
+"""The first bytes of a picture; Matplotlib writes its name after them."""
 
 
 def open_regular(path: Path) -> BinaryIO:
     """Open a file for reading.
 
     Raises:
-        DiffbotError: if it is missing, cannot be read or is not a regular file. A FIFO would block, a device never end.
+        DiffbotError: if the file is missing, cannot be read or is not a regular file.
     """
     try:
+        # Without O_NONBLOCK, opening a FIFO blocks.
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     except OSError as error:
         raise DiffbotError(f"cannot open {shown(path)}: {error.strerror}") from error
@@ -53,7 +54,7 @@ def read_text(path: Path, max_bytes: int) -> str:
     """Return the text of a regular file.
 
     Raises:
-        DiffbotError: if it cannot be read, is longer than ``max_bytes`` or not UTF-8.
+        DiffbotError: if the file cannot be read, is longer than ``max_bytes`` or is not UTF-8.
     """
     try:
         with open_regular(path) as file:
@@ -69,16 +70,16 @@ def read_text(path: Path, max_bytes: int) -> str:
 
 
 def check_output(path: Path, inputs: Iterable[Path] = ()) -> None:
-    """Refuse an output of a command that would destroy something else: a bag, an input, a file of another kind.
+    """Check that a command may write to ``path``: it replaces its own reports, and no other files.
 
     Args:
-        path: path of a file or folder; it need not exist.
+        path: a file or folder, which may be missing.
         inputs: files that the command reads.
 
     Raises:
-        DiffbotError: naming what is there.
+        DiffbotError: if the path is in a bag, or is an input, a link or a file of another kind.
     """
-    if reason := _bag_around(path):
+    if reason := _bag_problem(path):
         raise DiffbotError(f"cannot write to {path}: {reason}")
     try:
         mode = path.lstat().st_mode
@@ -92,28 +93,28 @@ def check_output(path: Path, inputs: Iterable[Path] = ()) -> None:
         raise DiffbotError(f"cannot write to {path}: it is neither a file nor a folder")
     if any(one.exists() and one.samefile(path) for one in inputs):
         raise DiffbotError(f"cannot write to {path}: the command reads it; choose another name")
-    begin = _begin_of(path, 256)
-    if begin and not begin.startswith(_REPORT) and not (begin.startswith(_PICTURE) and _PLOTTED in begin):
+    first = _first_bytes(path, 256)
+    if first and not first.startswith(_REPORT) and not (first.startswith(_PNG) and _MATPLOTLIB in first):
         raise DiffbotError(f"{path} already exists and is not a report of diffbot; choose another name")
 
 
 def is_bag_folder(folder: Path) -> bool:
-    """Return True if a folder is a bag of rosbag2, finished or not."""
-    return (folder / f"{folder.name}_0.mcap").is_file() or _BAG in _begin_of(folder / "metadata.yaml", 4096)
+    """Return True if a folder is a rosbag2 bag, finished or unfinished."""
+    return (folder / f"{folder.name}_0.mcap").is_file() or _BAG in _first_bytes(folder / "metadata.yaml", 4096)
 
 
-def _bag_around(path: Path) -> str:
-    """Return why a file must not be written here: it is in the folder of a bag; empty if it is not."""
-    # Absolute, and without links: these could lead into a bag.
+def _bag_problem(path: Path) -> str:
+    """Return why a file must not be written to ``path``, if a folder above it is a bag; otherwise an empty text."""
+    # Links are resolved, because they may lead into a bag.
     for folder in Path(os.path.realpath(path)).parents:
         if is_bag_folder(folder):
             return f"{folder} is a bag"
     return ""
 
 
-def _begin_of(path: Path, size: int) -> bytes:
+def _first_bytes(path: Path, size: int) -> bytes:
     try:
-        # Reading a pipe would block.
+        # Opening a FIFO would block.
         with path.open("rb") if path.is_file() else io.BytesIO() as file:
             return file.read(size)
     except OSError:
@@ -121,11 +122,11 @@ def _begin_of(path: Path, size: int) -> bytes:
 
 
 @contextmanager
-def output_folder(folder: Path) -> Iterator[Path]:
-    """Make a folder and check that it can be written to; an OSError inside the ``with`` block is reported as its own.
+def output_folder(folder: Path) -> Iterator[None]:
+    """Create the folder of a command's output, and convert each OSError of the ``with`` block to a DiffbotError.
 
     Raises:
-        DiffbotError: if the folder, or a file in it, cannot be written.
+        DiffbotError: if the folder is a bag, or if the folder or a file in it cannot be written.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -133,22 +134,21 @@ def output_folder(folder: Path) -> Iterator[Path]:
             raise DiffbotError(f"cannot write to {folder}")
         if is_bag_folder(folder):
             raise DiffbotError(f"cannot write to {folder}: it is a bag")
-        yield folder
+        yield
     except OSError as error:
         raise DiffbotError(f"cannot write to {folder}: {error.strerror}") from None
 
 
 def file_path(name: str, text: str) -> Path | None:
-    """Return the path that the parameter ``name`` gives, ``~`` expanded; None for an empty text.
+    """Return the value ``text`` of the parameter ``name`` as a path with ``~`` expanded; None for an empty text.
 
     Raises:
-        InvalidValueError: if it cannot be the path of a file.
+        InvalidValueError: if the text is not the path of a regular file or of a new file.
     """
     if not text:
         return None
     try:
         path = Path(text).expanduser()
-        # Reading a pipe or a device would block.
         usable = bool(path.name) and "\0" not in text and (path.is_file() or not path.exists())
     except (OSError, RuntimeError, ValueError):
         usable = False
@@ -159,26 +159,28 @@ def file_path(name: str, text: str) -> Path | None:
 
 @contextmanager
 def replacing(path: Path, *, durable: bool = False, in_bag: bool = False) -> Iterator[Path]:
-    """Give a temporary name beside ``path``; what the ``with`` block writes there then replaces the file in one step.
+    """Replace a file atomically: the ``with`` block writes a temporary file, which is then renamed to ``path``.
 
-    A reader sees the old file or the new one, never a part. If the block fails, the old file stays and the new one is
-    deleted.
+    A reader sees either the old file or the complete new file. If the block fails, the old file stays and the temporary
+    file is deleted.
 
     Args:
         path: the file to write; its folder must exist.
-        durable: bring the contents to the disk before the renaming, so that a power cut leaves one of both files.
-        in_bag: the file belongs to a bag; otherwise a path in a bag is refused.
+        durable: write the contents to the disk before the renaming, so that they survive a power cut.
+        in_bag: allow a path in a bag.
 
     Raises:
-        OSError: if the file cannot be written, is not a regular file, or belongs to a bag.
+        OSError: if the file cannot be written, is not a regular file, or is in a bag.
     """
-    if not in_bag and (reason := _bag_around(path) or (_begin_of(path, len(MCAP)) == MCAP and "it is an MCAP file")):
+    if not in_bag and (reason := _bag_problem(path)):
         raise FileExistsError(errno.EEXIST, reason)
+    if not in_bag and _first_bytes(path, len(MCAP)) == MCAP:
+        raise FileExistsError(errno.EEXIST, "it is an MCAP file")
     if path.exists() and not path.is_file():
         raise FileExistsError(errno.EEXIST, "it is not a regular file")
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     part.unlink(missing_ok=True)
-    # Never through a link that somebody else has put there.
+    # O_EXCL refuses a symbolic link, which would redirect the output.
     os.close(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
     try:
         yield part
@@ -192,21 +194,13 @@ def replacing(path: Path, *, durable: bool = False, in_bag: bool = False) -> Ite
 
 
 def write_text(path: Path, text: str, *, durable: bool = False, in_bag: bool = False) -> None:
-    """Write a text in UTF-8; see :func:`replacing`.
-
-    Raises:
-        OSError: if it cannot be written.
-    """
+    """Write a text in UTF-8; arguments and errors as for :func:`replacing`."""
     with replacing(path, durable=durable, in_bag=in_bag) as part:
         part.write_text(text, encoding="utf-8")
 
 
 def write_json(path: Path, content: Any, indent: int = 1) -> None:
-    """Write JSON; infinite limits and bounds become texts, since JSON has no infinity; see :func:`replacing`.
-
-    Raises:
-        OSError: if it cannot be written.
-    """
+    """Write JSON, with inf and nan as texts, because JSON cannot express them; see :func:`replacing`."""
     write_text(path, json.dumps(_finite(content), indent=indent, allow_nan=False) + "\n")
 
 
@@ -219,32 +213,33 @@ def _finite(value: Any) -> Any:
 
 
 def cache_folder() -> Path:
-    """Return the folder of this user's cache, such as ``~/.cache/diffbot``.
+    """Create and return the user's cache folder, such as ``~/.cache/diffbot``.
 
     Raises:
-        DiffbotError: if it cannot be made.
+        DiffbotError: if the folder cannot be created.
     """
-    return _made(platformdirs.user_cache_path("diffbot"))
+    return _created(platformdirs.user_cache_path("diffbot"))
 
 
 @functools.cache
 def runtime_folder() -> Path:
-    """Return this user's folder for files of running programs; if it cannot be made, one of this process.
+    """Create and return the user's folder for files of running programs.
 
-    Without a session ($XDG_RUNTIME_DIR), as in a container, it is a part of the cache.
+    It is in $XDG_RUNTIME_DIR or, without a login session, in the cache folder. If it cannot be created, this process
+    gets a temporary folder.
     """
     session = os.environ.get("XDG_RUNTIME_DIR")
     try:
-        return _made(Path(session) / "diffbot") if session else _made(cache_folder() / "run")
+        return _created(Path(session) / "diffbot") if session else _created(cache_folder() / "run")
     except DiffbotError:
         made = Path(tempfile.mkdtemp(prefix="diffbot-"))
         atexit.register(shutil.rmtree, made, ignore_errors=True)
         return made
 
 
-def _made(folder: Path) -> Path:
+def _created(folder: Path) -> Path:
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     except OSError as error:
-        raise DiffbotError(f"cannot make the folder {folder}: {error.strerror}") from None
+        raise DiffbotError(f"cannot create the folder {folder}: {error.strerror}") from None
     return folder

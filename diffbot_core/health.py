@@ -7,16 +7,16 @@ import time
 from collections import Counter, deque
 from collections.abc import Hashable
 
-_NEWEST = 2.0
-"""[s] for which a dropped message explains why a topic is silent"""
+_EXPLAINS = 2.0
+"""[s] A message dropped within this time explains why nothing is accepted from its topic."""
 DROP_MEMORY = 10.0
-"""[s] for which a dropped message is a warning; the counters keep it"""
+"""[s] A message dropped within this time causes a warning; the counters have no time limit."""
 _MAX_RECENT = 10_000
 """Largest number of recent drops that are counted."""
 
 
 class Health:
-    """Counters of one node: messages accepted and sent per topic, drops per topic and reason."""
+    """Counters of one node: accepted and sent messages by topic, dropped messages by topic and reason."""
 
     def __init__(self) -> None:
         """Start with all counters at zero."""
@@ -24,15 +24,15 @@ class Health:
         self.sent: Counter[str] = Counter()
         self.dropped: Counter[tuple[str, str]] = Counter()
         self.counted: Counter[str] = Counter()
-        """further counters, by their key in the report"""
+        """other counters by their key in /diagnostics"""
         self.last_received: dict[str, float] = {}
-        """[s] steady time of the last accepted message, by topic"""
+        """[s] steady time of the newest accepted message by topic"""
         self._newest_drops: dict[str, tuple[float, str]] = {}
         self._reported: Counter[str] = Counter()
         self._drop_times: deque[float] = deque(maxlen=_MAX_RECENT)
 
     def reset(self) -> None:
-        """Set all counters to zero, as after a reset of the node; rates count from now on."""
+        """Set all counters to zero, when the node is reset."""
         for counter in (self.accepted, self.sent, self.dropped, self.counted, self._reported):
             counter.clear()
         self.last_received.clear()
@@ -40,12 +40,12 @@ class Health:
         self._drop_times.clear()
 
     def drop(self, topic: str, kind: str, text: str = "") -> bool:
-        """Count a dropped message; return True for the first of its topic and kind, which should be logged.
+        """Count a dropped message; return True for the first message of its topic and kind, which should be logged.
 
         Args:
-            topic: of the message.
-            kind: reason that is counted.
-            text: the reason with its details, for :meth:`newest_drop`.
+            topic: topic of the message.
+            kind: reason under which the message is counted.
+            text: reason with details, for :meth:`newest_drop`.
         """
         self._newest_drops[topic] = time.monotonic(), text or kind
         self.dropped[topic, kind] += 1
@@ -53,20 +53,20 @@ class Health:
         return self.dropped[topic, kind] == 1
 
     def recent_drops(self, now: float) -> int:
-        """Return how many messages were dropped in the last DROP_MEMORY seconds before steady time ``now`` [s]."""
+        """Return the number of messages dropped in the last DROP_MEMORY seconds; ``now`` [s] is steady time."""
         while self._drop_times and now - self._drop_times[0] > DROP_MEMORY:
             self._drop_times.popleft()
         return len(self._drop_times)
 
     def newest_drop(self, topic: str, now: float) -> str:
-        """Return why the newest message of a topic was dropped; empty if it was accepted, or dropped long ago.
+        """Return why the newest message of a topic was dropped; empty if the message was accepted or is old.
 
         Args:
-            topic: of the message.
+            topic: topic of the message.
             now: [s] steady time.
         """
         dropped, text = self._newest_drops.get(topic, (-math.inf, ""))
-        is_newest = dropped > self.last_received.get(topic, -math.inf) and now - dropped <= _NEWEST
+        is_newest = dropped > self.last_received.get(topic, -math.inf) and now - dropped <= _EXPLAINS
         return text if is_newest else ""
 
     def accept(self, topic: str, now: float) -> None:
@@ -75,11 +75,11 @@ class Health:
         self.last_received[topic] = now
 
     def ages(self, now: float) -> dict[str, str]:
-        """Return the age [s] of the last message of each topic as key-value pairs."""
+        """Return the age [s] of the newest accepted message of each topic as key-value pairs."""
         return {f"{topic} age [s]": f"{now - last:.2f}" for topic, last in sorted(self.last_received.items())}
 
     def report(self, period: float) -> dict[str, str]:
-        """Return all counters as key-value pairs; rates [Hz] are over the ``period`` [s] since the last report."""
+        """Return all counters as key-value pairs, with the rates [Hz] over the ``period`` [s] since the last report."""
         values = {}
         for label, counter in (("received", self.accepted), ("sent", self.sent)):
             for topic, count in sorted(counter.items()):
@@ -95,15 +95,15 @@ class Health:
 
 
 class Throttle:
-    """Limits how often each key passes: once in a period."""
+    """Log throttle: lets each key pass once per period."""
 
     def __init__(self, period: float) -> None:
-        """Let everything pass at first; ``period`` [s]."""
+        """Create a throttle with a ``period`` [s]."""
         self._period = period
         self._passed: dict[Hashable, float] = {}
 
     def is_due(self, key: Hashable, now: float) -> bool:
-        """Return True, and remember it, if ``key`` did not pass within the period before ``now`` [s]."""
+        """Return True, and start a new period, if ``key`` did not pass within the last period; ``now`` in [s]."""
         self._passed = {one: last for one, last in self._passed.items() if now - last < self._period}
         if key in self._passed:
             return False

@@ -1,4 +1,4 @@
-"""What is installed: the distribution, entry points of plug-ins, and a hash of the code that names results."""
+"""Name of the distribution, entry points of plug-ins, and hashes of code and configurations that identify results."""
 
 from __future__ import annotations
 
@@ -15,30 +15,30 @@ from typing import Any
 from diffbot_core.errors import DiffbotError
 
 DISTRIBUTION = "diffbot-ros"
-"""Name for pip. The ROS package, the command and the import are called diffbot, which is another project's on PyPI."""
+"""Name for pip; on PyPI, the name diffbot belongs to another project."""
 DIGITS = 16
-"""hexadecimal digits of a hash, 64 bits"""
+"""Number of hexadecimal digits of a hash."""
 
 
 def install_hint(extra: str) -> str:
-    """Return the command that installs an extra."""
+    """Return the pip command that installs an extra of this package."""
     return f"pip install '{DISTRIBUTION}[{extra}]'"
 
 
 def entry_points_by_name(group: str) -> dict[str, EntryPoint]:
-    """Return the entry points of a group by name, sorted.
+    """Return the entry points of a group, sorted by name.
 
-    Of several with one name, the first one on the path counts: a workspace may lie over an installation by pip.
+    If several entry points have the same name, the first one on ``sys.path`` is returned. A colcon workspace overlays
+    an installation by pip in this way.
     """
     found = {one.name: one for one in reversed(tuple(importlib.metadata.entry_points(group=group)))}
     return dict(sorted(found.items()))
 
 
 def hash_of_code(packages: Iterable[str], libraries: Iterable[str] = ()) -> str:
-    """Hash every module of whole packages, and the versions of the libraries and of Python that run them.
+    """Hash the names and contents of all modules of some packages, and the versions of libraries and of Python.
 
-    Whole packages, because a list of the modules that matter goes out of date unnoticed. Names of modules count beside
-    contents; where the packages are installed does not.
+    All modules are hashed, because a list of the relevant modules would become outdated without notice.
 
     Args:
         packages: names of installed top-level packages.
@@ -52,25 +52,24 @@ def hash_of_code(packages: Iterable[str], libraries: Iterable[str] = ()) -> str:
         try:
             digest.update(f"{library} {importlib.metadata.version(library)}\n".encode())
         except importlib.metadata.PackageNotFoundError:
-            raise DiffbotError(f"the version of {library} is not found, so results cannot be named by it") from None
+            raise DiffbotError(f"cannot identify the results: the version of {library} is not found") from None
     for package in sorted(packages):
         spec = importlib.util.find_spec(package)
         folder = Path(next(iter(spec.submodule_search_locations or [""]))) if spec else Path("")
         modules = sorted(folder.rglob("*.py")) if folder.name else []
         if not modules:
-            raise DiffbotError(f"the source code of {package} is not found, so results cannot be named by it")
+            raise DiffbotError(f"cannot identify the results: the source code of {package} is not found")
         for path in modules:
             content = path.read_bytes()
-            # With the length, moving code from the end of one file to the start of the next changes the hash.
+            # The length separates the files: moving a line from one file to the next changes the hash.
             digest.update(f"{path.relative_to(folder.parent).as_posix()} {len(content)}\n".encode() + content)
     return digest.hexdigest()[:DIGITS]
 
 
 def hash_of_values(values: Iterable[Any]) -> str:
-    """Hash resolved configurations: named tuples, mappings, sequences and arrays of plain values, nested at will.
+    """Hash configurations, which are nested named tuples, mappings, sequences and arrays of plain values.
 
-    Floats count to their last bit. The types and field names of named tuples count, too: a value in another field is
-    another configuration.
+    Floats are hashed exactly. Type names and field names of named tuples are hashed, too.
     """
     digest = hashlib.sha256()
     for value in values:
@@ -79,7 +78,7 @@ def hash_of_values(values: Iterable[Any]) -> str:
 
 
 def _canonical(value: Any) -> Any:
-    """Return ``value`` as JSON holds it; floats are written by repr, which is exact."""
+    """Convert ``value`` to types of JSON."""
     if isinstance(value, tuple) and hasattr(value, "_fields"):
         fields = {name: _canonical(one) for name, one in zip(value._fields, value, strict=True)}
         return {type(value).__name__: fields}

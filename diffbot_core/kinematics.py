@@ -1,4 +1,4 @@
-"""Differential drive: wheel speeds and the body's twist."""
+"""Kinematics of the differential drive: wheel speeds and the twist of the body."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from typing import Annotated, NamedTuple
 from diffbot_core.schema import WHEEL_SIZE, Spec, known_fields
 
 RESTING_SIGMA = 1e-3
-"""[rad/s] standard deviation of a wheel speed at rest: no encoder is exact, and a filter needs some noise."""
+"""[rad/s] Standard deviation of a wheel speed at rest: no encoder is exact, and a filter needs some noise."""
 
 
 class Twist(NamedTuple):
     """Velocity of the body in its own frame."""
 
     v: float
-    """[m/s] along the robot's real forward axis; negative when it reverses"""
+    """[m/s] forward; negative when the robot reverses"""
     omega: float
     """[rad/s] counter-clockwise"""
 
 
 class TwistCovariance(NamedTuple):
-    """Covariance of a measured twist. In a message, all three zero mean that it is unknown, not that it is exact."""
+    """Covariance of a measured twist. In a message, an all-zero covariance means *unknown*, not *exact*."""
 
     var_v: float
     """[m^2/s^2]"""
@@ -32,7 +32,7 @@ class TwistCovariance(NamedTuple):
 
 
 class WheelSpeeds(NamedTuple):
-    """Angular speeds of the two wheels [rad/s], positive when they roll forward."""
+    """Angular speeds of both wheels [rad/s], positive when the wheel rolls forward."""
 
     left: float
     right: float
@@ -40,20 +40,20 @@ class WheelSpeeds(NamedTuple):
 
 @known_fields
 class WheelGeometry(NamedTuple):
-    """R and L of the paper (section 4.1); it calls R a diameter but uses it as the radius."""
+    """R and L of the paper (section 4.1), which calls R a diameter and uses it as the radius."""
 
     wheel_radius: Annotated[float, Spec("wheel radius R", "m", *WHEEL_SIZE)] = 0.05
     wheel_separation: Annotated[float, Spec("distance of the wheels L", "m", *WHEEL_SIZE)] = 0.6
 
 
 def wheel_speeds(twist: Twist, geometry: WheelGeometry) -> WheelSpeeds:
-    """Return the wheel speeds [rad/s] that move the body with ``twist`` (inverse kinematics)."""
+    """Return the wheel speeds [rad/s] for a ``twist`` (inverse kinematics)."""
     turn = 0.5 * twist.omega * geometry.wheel_separation
     return WheelSpeeds((twist.v - turn) / geometry.wheel_radius, (twist.v + turn) / geometry.wheel_radius)
 
 
 def body_twist(wheels: WheelSpeeds, geometry: WheelGeometry) -> Twist:
-    """Return v = R (wL + wR) / 2, omega = R (wR - wL) / L: forward kinematics (paper, section 2.1)."""
+    """Return v = R (wL + wR) / 2 and omega = R (wR - wL) / L, the forward kinematics (paper, section 2.1)."""
     radius = geometry.wheel_radius
     return Twist(
         0.5 * radius * (wheels.left + wheels.right),
@@ -62,7 +62,7 @@ def body_twist(wheels: WheelSpeeds, geometry: WheelGeometry) -> Twist:
 
 
 def twist_covariance(sigma_left: float, sigma_right: float, geometry: WheelGeometry) -> TwistCovariance:
-    """Propagate independent errors of the wheel speeds, standard deviations [rad/s], to the twist."""
+    """Return the covariance of the twist for independent errors of the wheel speeds with these sigmas [rad/s]."""
     radius, separation = geometry.wheel_radius, geometry.wheel_separation
     left, right = sigma_left * sigma_left, sigma_right * sigma_right
     return TwistCovariance(
@@ -84,7 +84,7 @@ def scale_twist_covariance(covariance: TwistCovariance, factor: float) -> TwistC
 
 
 def encoder_covariance(wheels: WheelSpeeds, bound: float, geometry: WheelGeometry) -> TwistCovariance:
-    """Return the covariance of the twist when each wheel speed has a uniform relative error of at most ``bound``.
+    """Return the covariance of the twist for uniform relative errors of the wheel speeds of at most ``bound``.
 
     The standard deviation of a wheel speed w is bound |w| / sqrt(3), and RESTING_SIGMA at rest.
     """

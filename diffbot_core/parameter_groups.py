@@ -1,4 +1,4 @@
-"""Groups of parameters that several nodes have."""
+"""Groups of parameters that several nodes share."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from diffbot_core.schema import Spec
 
 
 class CommandSourceConfig(NamedTuple):
-    """Who may command the robot; for nodes that publish or obey cmd_vel."""
+    """Number of commanding nodes, for nodes that publish or obey cmd_vel."""
 
     max_cmd_vel_publishers: Annotated[
         int,
         Spec(
-            "publishers of cmd_vel, the controller included, beyond which /diagnostics reports an ERROR; 2 with a"
-            " teleoperation that shares the topic",
+            "largest number of publishers of cmd_vel, including the controller; /diagnostics reports an ERROR if there"
+            " are more; 2 with a teleoperation on the same topic",
             "-",
             1,
             100,
@@ -24,15 +24,15 @@ class CommandSourceConfig(NamedTuple):
 
 
 class FaultConfig(NamedTuple):
-    """What a node does after an internal error; for nodes that move the robot or estimate its pose."""
+    """Reaction to internal errors, for nodes that move the robot or estimate its pose."""
 
     exit_on_error: Annotated[
-        bool, Spec("after an internal error, end with status 1; false: stop the robot and go on")
+        bool, Spec("after an internal error, end with status 1; false: stop the robot and continue")
     ] = False
 
 
 class LifecycleConfig(NamedTuple):
-    """Who takes a managed node through its states."""
+    """Start of a managed node."""
 
     autostart: Annotated[
         bool, Spec("the node configures and activates itself; false: a lifecycle manager does", read_only=True)

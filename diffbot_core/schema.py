@@ -1,4 +1,4 @@
-"""Configuration types: defaults, texts, units and ranges are written once, beside each field.
+"""Configuration types, which define default, text, unit and range of each parameter in one place.
 
 A configuration is a ``NamedTuple`` whose fields are annotated with a :class:`Spec`::
 
@@ -6,12 +6,12 @@ A configuration is a ``NamedTuple`` whose fields are annotated with a :class:`Sp
     class Gains(NamedTuple):
         gamma: Annotated[float, Spec("bound of |v|", "m/s", minimum=1e-3, maximum=100.0)] = 1.3
 
-ROS parameters (``ros.parameters``), YAML files, flags and the tables in docs/ derive from it. A field whose type is
-again a configuration is a group; its fields stand on the same level, since ROS parameter names are flat unless
-``Spec.parameter`` says otherwise (``linear.x.max_velocity``).
+ROS parameters (``ros.parameters``), YAML files, flags and the tables in docs/ are derived from it. A field whose type
+is a configuration is a group. The parameters of a group have no prefix; ``Spec.parameter`` sets another name than the
+field's, such as ``linear.x.max_velocity``.
 
-A choice between words that compiled code has to read is an ``int`` field with ``choices``: the configuration holds the
-index of the word, everybody outside reads and writes the word::
+Compiled code cannot read texts. So an ``int`` field with ``choices`` holds the index of a word, while parameters and
+files contain the word::
 
     kind: Annotated[int, Spec("how the radius is set", choices=("fixed", "covariance"))] = 1
 """
@@ -29,78 +29,72 @@ from typing import Annotated, Any, NamedTuple, TypeVar, cast, get_args, get_orig
 from diffbot_core.errors import DiffbotError, InvalidValueError, known_name
 
 C = TypeVar("C", bound=tuple[Any, ...])
-PARTIAL = "fields of this group without a Spec are no parameters"
-"""Annotation of a group whose type is not this project's: ``Annotated[Group, PARTIAL]``."""
+PARTIAL = "fields of this group without a Spec are not parameters"
+"""Annotation of a group that another package defines: ``Annotated[Group, PARTIAL]``."""
 MAX_LENGTH = 4096
-"""of a list, and of a text [characters]: what is longer is refused before anything of it is looked at"""
+"""Longer lists and texts are refused."""
 _NUMBER_AS_TEXT = re.compile(r"[+-]?(\d+(\.\d*)?e[+-]?\d+|\.?inf)", re.IGNORECASE)
 """Numbers that YAML 1.1 reads as texts: ``ros2 param load`` sends 1.0e-06 and .inf of a file as 1e-06 and inf."""
-
 
 Range = tuple[float, float]
 """Minimum and maximum.
 
-The ranges below, which several parameters share, are wide enough for any wheeled robot, and so narrow that every
-formula stays finite in float64 whatever values are combined. A bound such as "finite and > 0" would not do: 1e308
-squared is infinite, and so is 1 / 5e-324.
+The ranges below are wide enough for any wheeled robot. They are so narrow that no formula overflows in float64,
+whatever values are combined: 1e308 squared and 1 / 5e-324 would be infinite.
 """
 
 WHEEL_SIZE: Range = 1e-3, 10.0
-"""[m] radius of a wheel, distance of the wheels"""
+"""[m] radius or distance of the wheels"""
 LENGTH: Range = 1e-6, 1e6
-"""[m] that must not be zero"""
+"""[m] > 0"""
 DISTANCE: Range = 0.0, 1e6
-"""[m] that may be zero"""
+"""[m] >= 0"""
 ANGLE: Range = 1e-6, 1e3
-"""[rad] that must not be zero; larger than a turn: any heading will do"""
+"""[rad] > 0; any heading is within a tolerance of more than a turn"""
 POSITION: Range = -1e6, 1e6
 """[m] coordinate of a pose"""
 HEADING: Range = -1e3, 1e3
-"""[rad] of a pose, not wrapped"""
+"""[rad] heading of a pose, not wrapped"""
 SPEED: Range = 1e-6, 1e3
-"""[m/s] that must not be zero"""
+"""[m/s] > 0"""
 TURN_RATE: Range = 1e-6, 1e3
-"""[rad/s] of the body, that must not be zero"""
+"""[rad/s] > 0, of the body"""
 WHEEL_SPEED: Range = 1e-6, 1e6
-"""[rad/s] of a wheel: SPEED on the smallest one"""
+"""[rad/s] > 0, of a wheel"""
 ACCELERATION: Range = 1e-6, 1e3
-"""[m/s^2]"""
+"""[m/s^2] > 0"""
 ANGULAR_ACCELERATION: Range = 1e-6, 1e4
-"""[rad/s^2] of the body"""
+"""[rad/s^2] > 0, of the body"""
 TIMEOUT: Range = 1e-3, 1e6
-"""[s] that must not be zero; the longest are eleven days"""
+"""[s] > 0, up to eleven days"""
 TIME: Range = 0.0, 1e6
-"""[s] that may be zero"""
+"""[s] >= 0"""
 GAIN: Range = 1e-6, 1e3
-"""[1/s] or [-], that must not be zero"""
-SIGMAS: Range = 0.0, 1e3
-"""[-] number of standard deviations"""
-SHARE: Range = 1e-3, 1.0
-"""[-] that must not be zero"""
+"""[1/s] or [-], > 0"""
 
 
 class Spec(NamedTuple):
-    """What a field means and which values it takes."""
+    """Description and allowed values of a field."""
 
     text: str
-    """Meaning, half a sentence."""
+    """Meaning of the field."""
     unit: str = "-"
     """Physical unit, ``-`` for none."""
     minimum: float = -math.inf
-    """Smallest value allowed."""
+    """Smallest allowed value."""
     maximum: float = math.inf
-    """Largest value allowed."""
+    """Largest allowed value."""
     allow_inf: bool = False
-    """``inf`` is allowed and means: no limit."""
+    """``inf`` is allowed and means no limit."""
     choices: tuple[str, ...] = ()
-    """The words allowed, for a text; for an ``int`` field, the words whose index it holds."""
+    """Allowed words of a text; of an ``int`` field, the words whose index the field holds."""
     parameter: str = ""
-    """Name as a ROS parameter, where it differs from the field's."""
+    """Name of the ROS parameter, if it differs from the field's name."""
     read_only: bool = False
-    """Read when the node starts; a later change is refused."""
+    """The parameter cannot be changed after the node has started."""
 
     def bound(self) -> str:
-        """Describe the allowed values, as error messages and the docs show them."""
+        """Describe the allowed values, for error messages and docs."""
         if self.choices:
             return "one of " + ", ".join(self.choices)
         low = "" if self.minimum == -math.inf else f">= {self.minimum:g}"
@@ -112,60 +106,60 @@ class Spec(NamedTuple):
 
 
 class Parameter(NamedTuple):
-    """One field of a configuration, found by :func:`parameters_of`."""
+    """One field of a configuration; see :func:`parameters_of`."""
 
     name: str
-    """Its name outside: ROS parameter, YAML key."""
+    """Name of the ROS parameter and YAML key."""
     path: tuple[str, ...]
     """Field names from the root of the configuration."""
     type: Any
-    """float, int, bool, str, tuple[float, ...] or tuple[str, ...]; str for a choice of words, coded or not."""
+    """float, int, bool, str, tuple[float, ...] or tuple[str, ...]; str also for the index of a word."""
     default: Any
     spec: Spec
     coded: bool = False
-    """The configuration holds the index of the word in ``spec.choices``."""
+    """True if the configuration holds the index of a word in ``spec.choices``."""
 
     def encode(self, value: Any) -> Any:
-        """Return what the configuration holds for ``value`` as it is named outside; the inverse of :meth:`decode`."""
+        """Convert a parameter's value to the field's value."""
         return self.spec.choices.index(value) if self.coded else value
 
     def decode(self, value: Any) -> Any:
-        """Return the outside form of what the configuration holds."""
+        """Convert the field's value to the parameter's value."""
         return self.spec.choices[value] if self.coded else value
 
 
 def known_fields(config_type: type[C]) -> type[C]:
-    """Make a configuration type name its fields, in one line, when it is given one that it does not have."""
-    fields = config_type._fields  # type: ignore[attr-defined] # it is a NamedTuple
-    for method in ("__new__", "_replace"):
-        setattr(config_type, method, _with_known_fields(getattr(config_type, method), fields))
+    """Decorate a configuration type: an unknown field raises an InvalidValueError with similar names."""
+    fields: tuple[str, ...] = config_type._fields  # type: ignore[attr-defined] # it is a NamedTuple
+
+    def checking(method: Callable[..., Any]) -> Callable[..., Any]:
+        @functools.wraps(method)
+        def call(*args: Any, **values: Any) -> Any:
+            for name in values.keys() - set(fields):
+                raise InvalidValueError(name, values[name], known_name(name, fields))
+            return method(*args, **values)
+
+        return call
+
+    for name in ("__new__", "_replace"):
+        setattr(config_type, name, checking(getattr(config_type, name)))
     return config_type
 
 
-def _with_known_fields(method: Callable[..., Any], fields: tuple[str, ...]) -> Callable[..., Any]:
-    @functools.wraps(method)
-    def wrapped(*args: Any, **values: Any) -> Any:
-        for name in values.keys() - set(fields):
-            raise InvalidValueError(name, values[name], known_name(name, fields))
-        return method(*args, **values)
-
-    return wrapped
-
-
 def parameters_of(config_type: type[Any]) -> list[Parameter]:
-    """List the fields of a configuration type, groups unfolded, in the order of definition.
+    """Return the fields of a configuration type and of its groups in the order of definition.
 
-    In a group marked as PARTIAL, fields without a Spec are left out.
+    Fields without a Spec in a group that is annotated with PARTIAL are skipped.
 
     Raises:
-        TypeError: if a field carries no Spec or two fields share a name (a programming error).
+        TypeError: if another field has no Spec, or two fields have the same parameter name.
     """
     return list(_parameters(cast(Hashable, config_type)))
 
 
 @functools.cache  # resolving annotations takes milliseconds
 def _parameters(config_type: Any) -> tuple[Parameter, ...]:
-    found = _unfold(config_type, config_type(), ())
+    found = _collect(config_type, config_type(), ())
     names = [parameter.name for parameter in found]
     twice = {name for name in names if names.count(name) > 1}
     if twice:
@@ -179,13 +173,13 @@ def variant(
     without: tuple[str, ...] = (),
     values: Mapping[str, Any] = MappingProxyType({}),
 ) -> type[Any]:
-    """Return a configuration type like another one.
+    """Return a modified copy of a configuration type.
 
     Args:
-        config_type: the other one.
-        groups: annotation of each group that has another type, by the name of its field.
-        without: names of fields to leave out.
-        values: other defaults, by the names of the parameters.
+        config_type: the type to copy.
+        groups: new annotations of fields by field name; the default of such a group is the default of its new type.
+        without: names of the fields to remove.
+        values: new defaults by parameter name.
     """
     hints = {**get_type_hints(config_type, include_extras=True), **groups}
     defaults = {**config_type()._asdict(), **{name: (get_args(hint) or (hint,))[0]() for name, hint in groups.items()}}
@@ -197,7 +191,7 @@ def variant(
     return made
 
 
-def _unfold(config_type: type[Any], default: Any, path: tuple[str, ...], partial: bool = False) -> list[Parameter]:
+def _collect(config_type: type[Any], default: Any, path: tuple[str, ...], partial: bool = False) -> list[Parameter]:
     found: list[Parameter] = []
     hints = get_type_hints(config_type, include_extras=True)
     for field in config_type._fields:
@@ -210,19 +204,19 @@ def _unfold(config_type: type[Any], default: Any, path: tuple[str, ...], partial
             parameter = Parameter(spec.parameter or field, here, str if coded else kind, value, spec, coded)
             found.append(parameter._replace(default=parameter.decode(value)))
         elif hasattr(kind, "_fields"):
-            found.extend(_unfold(kind, value, here, partial or spec == PARTIAL))
+            found.extend(_collect(kind, value, here, partial or spec == PARTIAL))
         elif not partial:
             raise TypeError(f"{config_type.__name__}.{field} has no Spec")
     return found
 
 
 def build(config_type: type[C], values: Mapping[str, Any], base: C | None = None) -> C:
-    """Make a valid configuration from named values; ``base`` (by default the defaults) supplies the rest.
+    """Build a configuration from values by parameter name; ``base`` or the defaults supply the other values.
 
-    When all fields are set, the ``check`` method of each group that has one checks what must hold between fields.
+    The ``check`` methods of the configuration and its groups check conditions between several fields.
 
     Raises:
-        InvalidValueError: for an unknown name, a wrong type, a number out of range or not finite.
+        InvalidValueError: if a name is unknown, or a value has the wrong type or is not allowed.
     """
     parameters = {parameter.name: parameter for parameter in parameters_of(config_type)}
     config: Any = config_type() if base is None else base
@@ -236,7 +230,7 @@ def build(config_type: type[C], values: Mapping[str, Any], base: C | None = None
 
 
 def to_dict(config: tuple[Any, ...]) -> dict[str, Any]:
-    """Return all values of a configuration under their outside names; the inverse of :func:`build`."""
+    """Return all values of a configuration by parameter name; the inverse of :func:`build`."""
     values = {}
     for parameter in parameters_of(type(config)):
         value: Any = config
@@ -247,13 +241,13 @@ def to_dict(config: tuple[Any, ...]) -> dict[str, Any]:
 
 
 def checked(parameter: Parameter, value: Any) -> Any:
-    """Return ``value`` as the parameter's type if it is allowed.
+    """Check a value and return it in the parameter's type.
 
-    For a float a whole number is accepted, since YAML writes ``2`` for 2.0, and the texts ``inf``, ``.inf`` and
-    ``1e-06``; nothing else is converted.
+    Integers and the texts ``inf``, ``.inf`` and ``1e-06`` are converted to a float, because YAML files contain them.
+    No other value is converted.
 
     Raises:
-        InvalidValueError: naming the parameter, the value and the bound.
+        InvalidValueError: if the type is wrong or the value is not allowed.
     """
     kind, spec, name = parameter.type, parameter.spec, parameter.name
     if hasattr(value, "__len__") and len(value) > MAX_LENGTH:
@@ -308,5 +302,5 @@ def _check_groups(config: Any) -> None:
         return
     try:
         check()
-    except (ValueError, ArithmeticError) as error:  # of a configuration that is not this project's
+    except (ValueError, ArithmeticError) as error:  # raised by a configuration that another package defines
         raise DiffbotError(" ".join(f"{type(config).__name__}: {error}".split())) from error

@@ -1,4 +1,4 @@
-"""Standard deviations of an estimated pose, and the probability that the pose is within a tolerance."""
+"""Uncertainty of an estimated pose, and the probability that the true pose is within a tolerance."""
 
 from __future__ import annotations
 
@@ -12,23 +12,20 @@ class Uncertainty(NamedTuple):
     """Standard deviations of the estimate."""
 
     xy: float
-    """[m] of the position, along the longer axis of its error ellipse"""
+    """[m] standard deviation of the position along the longer axis of its error ellipse"""
     theta: float
     """[rad]"""
 
 
 CERTAIN = Uncertainty(0.0, 0.0)
-"""Of an estimate assumed exact: the default of library calls without an uncertainty.
-
-A message never means this: its all-zero covariance means *unknown*.
-"""
+"""Uncertainty of an estimate that is assumed to be exact. An all-zero covariance in a message means *unknown*."""
 
 
 class Estimate(NamedTuple):
-    """Pose of the robot and its uncertainty, as a controller receives them."""
+    """Estimated pose of the robot and its uncertainty."""
 
     pose: Pose
-    """in the frame of the goal's pose, e.g. ``map``"""
+    """in the frame in which the goal is given, e.g. ``map``"""
     uncertainty: Uncertainty = CERTAIN
 
 
@@ -41,26 +38,31 @@ def largest_deviation(xx: float, xy: float, yy: float) -> float:
 
 _ROOT_2 = math.sqrt(2.0)
 _CHORD_STEP, _CHORD_TAIL, _MIN_CHORDS = 0.75, 5.0, 6
-"""Chords of :func:`disc_probability`: largest step and offset of the last one [deviations], smallest number."""
-_FAR = 8.0
-"""deviations between mean and bound beyond which the probability is 0 or 1"""
-_NONE = 1e-12
-"""share of the radius below which a deviation counts as zero; much smaller ones would overflow"""
+"""Chords in :func:`disc_probability`: largest step [sigmas], offset of the last chord [sigmas], smallest number."""
+_MAX_SIGMAS = 8.0
+"""[sigmas] between mean and bound; beyond it, the probability is 0 or 1"""
+_MIN_RATIO = 1e-12
+"""Smaller ratios of sigma and radius count as zero, because their inverse would overflow."""
 
 
 def disc_probability(offset: float, sigma: float, radius: float) -> float:
-    """Return the probability that a position is within ``radius`` of a point, to 1e-5.
+    """Return the probability, with an error below 1e-5, that a position is within ``radius`` of a point.
 
-    The position is normal about a mean ``offset`` from the point, with deviation ``sigma`` along each axis [m]. The
-    chords of the disc along the offset are integrated over an angle. The integrand is smooth and periodic, so the
-    trapezoidal rule converges exponentially.
+    The position has a normal distribution with standard deviation ``sigma`` along each axis. Its mean is ``offset``
+    away from the point. The probabilities of the chords of the disc parallel to the offset are integrated over an
+    angle. The integrand is smooth and periodic, so the trapezoidal rule converges exponentially.
+
+    Args:
+        offset: [m]
+        sigma: [m]
+        radius: [m]
     """
-    if sigma <= _NONE * radius:
+    if sigma <= _MIN_RATIO * radius:
         return 1.0 if offset <= radius else 0.0
     a, b = offset / sigma, radius / sigma
-    if b - a > _FAR:
+    if b - a > _MAX_SIGMAS:
         return 1.0
-    if not b - a > -_FAR:  # or not a number
+    if not b - a > -_MAX_SIGMAS:  # also if it is nan
         return 0.0
     width = 0.5 * math.pi / max(_MIN_CHORDS, math.ceil(0.5 * math.pi * b / _CHORD_STEP))
     total, angle = 0.5 * _chord(a, b, 0.0), width
@@ -77,7 +79,7 @@ def _chord(a: float, b: float, angle: float) -> float:
 
 
 def interval_probability(offset: float, sigma: float, bound: float) -> float:
-    """Return the probability that a number, normal about ``offset`` with deviation ``sigma``, is within +-``bound``."""
+    """Return the probability that a normal variable with mean ``offset`` and ``sigma`` is within +-``bound``."""
     if sigma <= 0.0:
         return 1.0 if abs(offset) <= bound else 0.0
     return 0.5 * (math.erfc((offset - bound) / (sigma * _ROOT_2)) - math.erfc((offset + bound) / (sigma * _ROOT_2)))

@@ -1,4 +1,4 @@
-"""YAML of plain values, and ROS parameter files without ROS: their sections and the nodes that these are for."""
+"""Read and write YAML of plain values, and read ROS parameter files without ROS."""
 
 from __future__ import annotations
 
@@ -16,19 +16,20 @@ from diffbot_core.errors import DiffbotError, InvalidValueError, shown
 from diffbot_core.files import read_text
 
 MAX_BYTES = 256 * 1024
-"""of a parameter file; the file of a whole robot has 5 kB"""
+"""Largest size of a parameter file; the file of a robot has 5 kB."""
 PARAMETERS = "ros__parameters"
 WILDCARDS = {"*": r"/\w+", "**": r"(/\w+)*"}
+"""Regular expressions of the wildcards in section names."""
 _NEARLY = 0.8
-"""ratio of SequenceMatcher from which on one name is considered a misspelling of the other"""
+"""A name counts as a misspelling of another one from this ratio of SequenceMatcher on."""
 _MAX_NAMED = 5
-"""sections that an error names"""
+"""Largest number of sections that an error names."""
 _DUMPER = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 class _UniqueKeys(_LOADER):  # type: ignore[misc]
-    """Refuses a key that occurs twice in a map, of which YAML keeps the last."""
+    """Loader that refuses a repeated key in a map; YAML would use the last value."""
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
         counts = Counter(key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode))
@@ -42,21 +43,21 @@ def load_yaml(text: str, name: str, *, unique_keys: bool = False) -> Any:
 
     Args:
         text: the document.
-        name: name of the document, for the error.
-        unique_keys: refuse a map with a key twice, for what people write by hand.
+        name: name of the document for error messages.
+        unique_keys: refuse repeated keys in a map, for documents that are written by hand.
 
     Raises:
-        DiffbotError: if it is not YAML of plain values.
+        DiffbotError: if the document is not valid YAML of plain values.
     """
     try:
         return yaml.load(text, _UniqueKeys if unique_keys else _LOADER)
     except (yaml.YAMLError, ValueError, TypeError, OverflowError, AttributeError, RecursionError) as error:
-        # Most of them come from PyYAML's constructors, for example for the date 2001-99-99.
+        # PyYAML's constructors raise most of these, for example for the date 2001-99-99.
         raise DiffbotError(f"{name} is not a YAML file: {shown(' '.join(str(error).split()))}") from error
 
 
 def dump_yaml(content: Any) -> str:
-    """Return plain values as YAML, in their order; with libyaml ten times as fast as without."""
+    """Return plain values as YAML, in their order."""
     return str(yaml.dump(content, Dumper=_DUMPER, sort_keys=False))
 
 
@@ -64,24 +65,24 @@ class Section(NamedTuple):
     """The parameters of one node, or of all nodes that match a pattern."""
 
     name: str
-    """of the node with its namespace, as ``/robot1/ekf``; ``*`` is any word, ``**`` any number of words"""
+    """full name of the node, such as ``/robot1/ekf``; ``*`` is any word, ``**`` any number of words"""
     values: dict[str, Any]
-    """by the names of the parameters, with dots"""
+    """by parameter name, with dots"""
 
     @property
     def node(self) -> str:
-        """Name of the node alone, or a wildcard."""
+        """Name of the node without its namespace, or a wildcard."""
         return self.name.rpartition("/")[2]
 
     def is_for(self, node: str) -> bool:
-        """Return True if rcl gives the section to a node, which is named with its namespace."""
+        """Return True if rcl applies the section to a node, given by its full name."""
         words = self.name.split("/")[1:]
         return re.fullmatch("".join(WILDCARDS.get(word, "/" + re.escape(word)) for word in words), node) is not None
 
     def is_nearly_for(self, node: str) -> bool:
-        """Return True if the section names another node, and that name may be a misspelling of ``node``.
+        """Return True if the name of the section may be a misspelling of ``node``.
 
-        Names that extend the name of the node, such as ``controller_1`` and ``dock_controller``, name other nodes.
+        Names that extend the name of the node, such as ``controller_1`` and ``dock_controller``, belong to other nodes.
         """
         name = node.rpartition("/")[2]
         if self.node in (name, *WILDCARDS) or self.node.startswith(f"{name}_") or self.node.endswith(f"_{name}"):
@@ -90,17 +91,17 @@ class Section(NamedTuple):
 
 
 def read_sections(path: Path) -> list[Section]:
-    """Return the sections of a parameter file in their order, in which the last value of a name counts.
+    """Return the sections of a parameter file in their order. If a parameter occurs twice, the last value counts.
 
     Raises:
-        DiffbotError: in one line, if the file cannot be read or is not a parameter file.
+        DiffbotError: if the file cannot be read or is not a parameter file.
     """
     try:
         content = load_yaml(read_text(path, MAX_BYTES), shown(path), unique_keys=True)
     except DiffbotError as error:
         raise DiffbotError(f"parameter file: {error}") from error
     if not isinstance(content, dict):
-        raise DiffbotError(f"{shown(path)} is not a parameter file: no sections with {PARAMETERS}")
+        raise DiffbotError(f"{shown(path)} is not a parameter file: it has no sections with {PARAMETERS}")
     return list(_sections(content, ""))
 
 
@@ -115,7 +116,7 @@ def _sections(content: dict[Any, Any], above: str) -> Iterable[Section]:
 
 
 def _flat(parameters: dict[Any, Any], prefix: str = "") -> dict[str, Any]:
-    """Join the names of nested parameters with dots, as ROS does."""
+    """Join the names of nested parameters with dots."""
     values: dict[str, Any] = {}
     for name, value in parameters.items():
         values |= _flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {f"{prefix}{name}": value}
@@ -123,10 +124,10 @@ def _flat(parameters: dict[Any, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def values_for(path: Path, node: str) -> dict[str, Any]:
-    """Return the parameters of a node by its name, regardless of its namespace.
+    """Return the parameters of a node, given by its name without namespace, from sections of any namespace.
 
     Raises:
-        DiffbotError: in one line, if the file cannot be read, or has no section for the node.
+        DiffbotError: if the file cannot be read or has no section for the node.
     """
     sections = read_sections(path)
     refuse_misspelt(path, sections, node)
@@ -137,11 +138,7 @@ def values_for(path: Path, node: str) -> dict[str, Any]:
 
 
 def refuse_misspelt(path: Path, sections: Iterable[Section], node: str) -> None:
-    """Refuse a file that does not name a node, but has a section whose name is nearly the same.
-
-    Raises:
-        DiffbotError: naming the section and the node.
-    """
+    """Raise DiffbotError if a file has no section for a node, but a section whose name may be a misspelling."""
     name = node.rpartition("/")[2]
     sections = list(sections)
     nearly = [one for one in sections if one.is_nearly_for(node)]
@@ -149,20 +146,20 @@ def refuse_misspelt(path: Path, sections: Iterable[Section], node: str) -> None:
         raise DiffbotError(f"{shown(path)}: section {shown(nearly[0].name)}: did you mean {name}?")
 
 
-class GivenFiles:
-    """The parameter files that a process was started with, and which of them its nodes use."""
+class ParameterFiles:
+    """The parameter files of a process, to check that its nodes use them."""
 
     def __init__(self, ros_arguments: Iterable[str]) -> None:
         """Read the files that follow ``--params-file``.
 
         Raises:
-            DiffbotError: in one line, for a file that is missing or not a parameter file.
+            DiffbotError: if a file is missing or is not a parameter file.
         """
         self._given: list[tuple[Path, list[Section]]] = []
         self._used: set[Path] = set()
         self._nodes: list[str] = []
         self._single: set[str] = set()
-        """names of the parameters given one by one"""
+        """names of the parameters that are given by ``-p``"""
         for flag, value in itertools.pairwise(ros_arguments):
             if flag == "--params-file":
                 self._given.append((Path(value), read_sections(Path(value))))
@@ -170,10 +167,10 @@ class GivenFiles:
                 self._single.add(value.partition(":=")[0].rpartition(":")[2])
 
     def add_node(self, node: str) -> None:
-        """Add a node, given with its namespace, that uses the files.
+        """Add a node, given by its full name, that uses the files.
 
         Raises:
-            DiffbotError: if a file has a section with nearly its name.
+            DiffbotError: if the name of a section may be a misspelling of the node's name.
         """
         self._nodes.append(node)
         for path, sections in self._given:
@@ -182,25 +179,24 @@ class GivenFiles:
                 self._used.add(path)
 
     def check_all_used(self) -> None:
-        """Check that each file is for one of the nodes.
-
-        Raises:
-            DiffbotError: naming the file, the nodes and the sections.
-        """
+        """Raise DiffbotError if a file has no section for any of the nodes."""
         for path, sections in self._given:
             if path not in self._used:
                 names = [shown(one.name) for one in sections[:_MAX_NAMED]] + ["..."] * (len(sections) > _MAX_NAMED)
                 has = f"only {', '.join(names)}" if names else "none"
                 raise DiffbotError(f"{shown(path)} has no section for {' or '.join(self._nodes)}: {has}")
 
-    def located(self, error: Exception, node: str = "") -> str:
-        """Return the text of an error of a node, by default the newest, with the file of a refused value."""
+    def error_text(self, error: Exception, node: str = "") -> str:
+        """Return the text of an error with the name of the node and, for a parameter, the file that sets it.
+
+        ``node`` is the full name of the node; by default, it is the node that was added last.
+        """
         name = node or (self._nodes[-1] if self._nodes else "")
         source = self._source(name, error.name) if name and isinstance(error, InvalidValueError) else ""
         return (f"{name}: " if name else "") + f"{error}" + (f" ({source})" if source else "")
 
     def _source(self, node: str, parameter: str) -> str:
-        """Return the file and the section that give a parameter of a node its value; empty without one."""
+        """Return the file and the section that set a parameter of a node; empty if none does."""
         if parameter not in self._single:
             for path, sections in reversed(self._given):
                 for one in reversed(sections):

@@ -28,7 +28,7 @@ from diffbot_control.filter.models import (
     TurnRate,
     slip_covariance,
 )
-from diffbot_control.filter.state import Filter, Options, new_filter, reset, start
+from diffbot_control.filter.state import FilterState, Options, new_filter, reset, start
 from diffbot_core.geometry import Point, Pose
 from diffbot_core.kinematics import (
     TwistCovariance,
@@ -95,7 +95,7 @@ class Recent(NamedTuple):
     """(n, m) the same of the filter's memory before the odometry step that ends there"""
     stamps: Any
     """(2,)"""
-    filter: Filter
+    filter: FilterState
 
 
 def new_recent(robot: Robot) -> Recent:
@@ -215,7 +215,7 @@ def fuse(recent: Recent, now: int) -> bool:
     return True
 
 
-def _start(filter_: Filter, pose: Pose, sensors: SensorConfig) -> None:
+def _start(filter_: FilterState, pose: Pose, sensors: SensorConfig) -> None:
     """Put the filter at the first pose; a heading of which nothing is known is 0."""
     P = _covariance(pose, sensors)
     if P[2, 2] >= _UNKNOWN_HEADING:

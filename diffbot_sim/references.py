@@ -13,7 +13,7 @@ from numba.core import cgutils
 from numba.experimental import structref
 from numba.extending import intrinsic
 
-from diffbot_control.filter.state import Filter, Options
+from diffbot_control.filter.state import FilterState, Options
 from diffbot_sim.fusion import Recent, Robot
 
 
@@ -63,7 +63,7 @@ class RobotReference(structref.StructRefProxy):
 
 _define: Any = structref.define_constructor
 _intrinsic: Any = intrinsic
-_define(FilterReference, FilterType, list(Filter._fields))
+_define(FilterReference, FilterType, list(FilterState._fields))
 _define(RecentReference, RecentType, list(Recent._fields))
 _define(OptionsReference, OptionsType, list(Options._fields))
 _define(RobotReference, RobotType, list(Robot._fields))

@@ -277,7 +277,7 @@ class Drive(NamedTuple):
         return math.hypot(self.error.x, self.error.y)
 
 
-class Simulation:
+class SimulatedRobot:
     """A simulated robot with the filter and the supervisor of the nodes; time goes on from drive to drive."""
 
     def __init__(
@@ -341,7 +341,7 @@ class Simulation:
         return supervisor.on_pose(self.world.stamp, now, self.estimate, self.uncertainty) or _STOP
 
 
-class Recording(NamedTuple):
+class LoopRecord(NamedTuple):
     """One run of the reference loop, a row per sampling time from 0 on."""
 
     time: Array
@@ -375,7 +375,7 @@ def simulate(
     feedback: str = EKF,
     localization: LocalizationConfig | None = None,
     law: type[Law] = SwitchingLaw,
-) -> Recording:
+) -> LoopRecord:
     """Run the closed loop for ``steps`` sampling times: the batch engine's loop as plain Python.
 
     In each, as in the graph: the sensors deliver, the filter answers the odometry with a pose, the controller answers
@@ -400,4 +400,4 @@ def simulate(
     make_loop(law, case.feedback)(case, new_recent(robot), noise, Pose(*world.start), rows)
     time: Array = np.arange(steps + 1) * np.float64(world.plant.sampling_time)
     flags = rows[:, 10].astype(np.int64), rows[:, 11] > 0.0
-    return Recording(time, rows[:, 0:3], rows[:, 3:6], rows[:, 6:8], *flags, rows[:, 8])
+    return LoopRecord(time, rows[:, 0:3], rows[:, 3:6], rows[:, 6:8], *flags, rows[:, 8])

@@ -1,9 +1,10 @@
 """Write the generated parts of docs/: ``python docs/build.py [--check] [--tables]``.
 
-They follow the code: the Python interface in reference/python.md, the arguments in reference/launch.md, the lists of
-parameters in reference/parameters/ and of bag rules in reference/bag-check.md, the table of states in
-reference/goals.md, and what the commands of the tutorials print.
-``--tables`` leaves the tutorials out, which take minutes. ``--check`` writes nothing and fails on an outdated page.
+These parts are the Python interface in reference/python.md, the launch arguments in reference/launch.md, the parameters
+in reference/parameters/, the bag rules in reference/bag-check.md, the table of states in reference/goals.md, and the
+output of the commands in the tutorials.
+
+``--tables`` skips the tutorials, which take minutes. ``--check`` writes nothing and fails if a page is out of date.
 """
 
 from __future__ import annotations
@@ -23,41 +24,37 @@ from diffbot_core.schema import Spec, parameters_of
 from diffbot_tools.bringup import ROBOT, SIMULATION
 
 DOCS = Path(__file__).parent
-_RULES = re.compile(r"(<!--rules-->\n).*?(\n<!--/rules-->)", re.DOTALL)
-_PYTHON = re.compile(r"(<!--python-->\n).*?(\n<!--/python-->)", re.DOTALL)
-_LAUNCH = re.compile(r"(<!--launch-->\n).*?(\n<!--/launch-->)", re.DOTALL)
-_STATES = re.compile(r"(<!--states-->\n).*?(\n<!--/states-->)", re.DOTALL)
+_BLOCK = re.compile(r"(<!--(launch|python|rules|states)-->\n).*?(\n<!--/\2-->)", re.DOTALL)
 
 
 def tables() -> dict[Path, str]:
-    """Return the pages of the reference with current lists of parameters and rules."""
-    found = {}
-    for path in sorted((DOCS / "reference").rglob("*.md")):
-        page = _RULES.sub(lambda block: block[1] + rules() + block[2], with_parameters(path.read_text()))
-        for pattern, content in ((_STATES, states), (_PYTHON, python_api), (_LAUNCH, launch_arguments)):
-            page = pattern.sub(lambda block, content=content: block[1] + content() + block[2], page)  # type: ignore[misc]
-        found[path] = page
-    return found
+    """Return the up-to-date text of each page of the reference."""
+    parts = {"launch": launch_arguments, "python": python_api, "rules": rules, "states": states}
+
+    def fresh(block: re.Match[str]) -> str:
+        return block[1] + parts[block[2]]() + block[3]
+
+    pages = sorted((DOCS / "reference").rglob("*.md"))
+    return {path: _BLOCK.sub(fresh, with_parameters(path.read_text())) for path in pages}
 
 
 def states() -> str:
-    """Return the table of the controller's states: what each event leads to."""
+    """Return the table of transitions: for each event and state, the next state, the command and the answer."""
     lines = ["| event | " + " | ".join(state.value for state in State) + " |", "|---" * (len(State) + 1) + "|"]
     for event in GoalEvent:
         cells = []
         for state in State:
-            found = TABLE[state].get(event)
-            parts = (
-                [] if found is None else [found.state.value if found.state is not state else "", found.command.value]
-            )
-            answer = f"**{found.answer}**" if found is not None and found.answer else ""
-            cells.append("; ".join(part for part in (*parts, answer) if part))
+            parts: list[str] = []
+            if found := TABLE[state].get(event):
+                next_state = found.state.value if found.state is not state else ""
+                parts = [next_state, found.command.value, f"**{found.answer}**" if found.answer else ""]
+            cells.append("; ".join(part for part in parts if part))
         lines.append(f"| {event.value} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
 
 def launch_arguments() -> str:
-    """Return the table of the arguments of both launch files."""
+    """Return the table of the arguments of the launch files."""
     lines = ["| argument | default | values | meaning |", "|---|---|---|---|"]
     robot, simulation = ({one.name: one for one in arguments} for arguments in (ROBOT, SIMULATION))
     for name, one in (robot | simulation).items():
@@ -71,7 +68,7 @@ def launch_arguments() -> str:
 
 
 def rules() -> str:
-    """Return the rules of a contract: first those for the whole bag, then those for a topic."""
+    """Return the rules of a contract: the rules for the whole bag, then the rules for a topic."""
     parts = []
     for title, config in (("For the whole bag:", BagRules), ("For a topic:", TopicRules)):
         entries = [f"- `{one.name}`: {_meaning(one.spec)}" for one in parameters_of(config)]
@@ -85,10 +82,10 @@ def _meaning(spec: Spec) -> str:
 
 
 def main() -> int:
-    """Write or check the pages; return 1 if a check finds a page out of date."""
+    """Write or check the pages; return 1 if a page is out of date and must not be written."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--check", action="store_true", help="write nothing, fail on a difference")
-    parser.add_argument("--tables", action="store_true", help="leave out the tutorials")
+    parser.add_argument("--check", action="store_true", help="write nothing, and fail if a page is out of date")
+    parser.add_argument("--tables", action="store_true", help="skip the tutorials")
     options = parser.parse_args()
     stale = {path: text for path, text in tables().items() if path.read_text() != text}
     if not options.tables:

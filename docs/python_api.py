@@ -1,4 +1,4 @@
-"""The reference of the Python interface as Markdown, from signatures and docstrings in Google's style."""
+"""Write the reference of the Python interface as Markdown, from signatures and Google-style docstrings."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ ENTRIES = {
     "diffbot.drive": "diffbot.simulation:drive",
     "diffbot.Recording": "diffbot.simulation:Recording",
     "diffbot.Simulation": "diffbot.simulation:Simulation",
-    "diffbot.robot": "diffbot.given:robot",
+    "diffbot.robot": "diffbot.arguments:robot",
     "diffbot.Controller": "diffbot.loop:Controller",
     "diffbot.Filter": "diffbot.loop:Filter",
     "diffbot.Navigator": "diffbot_control.ros.navigator:Navigator",
@@ -22,7 +22,7 @@ ENTRIES = {
     "diffbot_control.law.Law": "diffbot_control.law.law:Law",
     "diffbot_sim.simulation.simulate": "diffbot_sim.simulation:simulate",
 }
-"""Name for the user, and place."""
+"""Title of each entry, and its ``module:name``."""
 _SECTIONS = ("Args", "Returns", "Raises", "Examples", "Yields")
 _ROLE = re.compile(r":(?:attr|class|data|func|meth|mod):`~?([^`]+)`")
 _QUALIFIED = re.compile(r"\b(?:[a-z_]\w*\.)+(?=\w)")
@@ -73,7 +73,7 @@ def _word(parameter: inspect.Parameter) -> str:
 
 
 def _text(thing: Any) -> str:
-    """Return a docstring as Markdown: sections as lists, examples as code."""
+    """Return a docstring as Markdown, with sections as lists and examples as code."""
     parts, title, lines = [], "", list[str]()
     for line in [*(inspect.getdoc(thing) or "").splitlines(), "End:"]:
         if line.endswith(":") and line[:-1] in (*_SECTIONS, "End"):

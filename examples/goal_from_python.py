@@ -1,9 +1,9 @@
-"""Drive to a goal from Python: starts a simulated robot, sends it a goal, waits for the end, and records a bag.
+"""Start a simulated robot, send it a goal from Python, wait for the end of the drive, and record a bag.
 
-    python examples/goal_from_python.py [BAG]        # the folder of the bag, default: drive
+    python examples/goal_from_python.py [BAG]
 
-Needs ROS 2 or its wheels (extra ``jazzy``). On a running robot only ``drive_to`` is needed. The
-simulation runs four times as fast as real time, on a ROS domain of its own.
+BAG is the folder of the bag; the default is drive. Needs ROS 2 or its wheels (extra ``jazzy``). With your own robot,
+you need only ``drive_to``. The simulation is four times as fast as real time and uses its own ROS domain.
 """
 
 import math
@@ -22,7 +22,7 @@ SIMULATED = {"use_sim_time": True}
 
 
 def drive_to(navigator, x, y, yaw):
-    """Send the goal [m, m, rad] in map and wait for its end; True if it was reached."""
+    """Send a goal [m, m, rad] in map and wait for its end; return True if it was reached."""
     goal = PoseStamped()
     goal.header.frame_id = "map"
     goal.pose.position.x, goal.pose.position.y = x, y
@@ -31,14 +31,14 @@ def drive_to(navigator, x, y, yaw):
         while not navigator.isTaskComplete():
             if navigator.getFeedback() is not None:
                 print(f"{navigator.getFeedback().distance_remaining:.2f} m to go", flush=True)
-    print(navigator.getReason() or "no controller took the goal")
+    print(navigator.getReason() or "no controller accepted the goal")
     return navigator.getResult() == TaskResult.SUCCEEDED
 
 
 if __name__ == "__main__":
     bag = Path(sys.argv[1] if len(sys.argv) > 1 else "drive").resolve()
     if bag.exists():
-        sys.exit(f"{bag} exists: name another folder")
+        sys.exit(f"{bag} already exists: choose another folder")
     domain = PrivateDomain()
     os.environ.update(graph_environment(domain.id))
     with tempfile.TemporaryDirectory() as logs, NodeProcesses(domain.id, Path(logs)) as robot:
@@ -48,7 +48,7 @@ if __name__ == "__main__":
         robot.start("controller", "diffbot_control.controller_node", SIMULATED)
         rclpy.init()
         navigator = Navigator()
-        # Two subscribers: the controller, and the recorder, which finds the topics one after the other.
+        # The subscribers are the controller and the recorder, which discovers the topics one by one.
         navigator.spin_until(lambda: navigator.count_subscribers("pose") >= 2, 60.0)
         reached = drive_to(navigator, 0.0, 0.0, 0.0)
         navigator.destroyNode()

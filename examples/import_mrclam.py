@@ -1,9 +1,9 @@
-"""Write a bag of a robot's drive in the MR.CLAM data set, for ``diffbot refilter``, ``calibrate`` and ``report``.
+"""Convert a drive of the MR.CLAM data set to a bag, for ``diffbot refilter``, ``calibrate`` and ``report``.
 
     python examples/import_mrclam.py FOLDER ROBOT BAG
 
-FOLDER has the text files of a set, e.g. MRCLAM_Dataset7; ROBOT is 1 to 5. The set is described in Leung, Halpern,
-Barfoot, Liu, Int. J. Robotics Research 30 (2011) 969-974, and the bag in docs/how-to/calibrate.md.
+FOLDER contains the text files of a set, e.g. MRCLAM_Dataset7; ROBOT is 1 to 5. The data set is described in Leung,
+Halpern, Barfoot, Liu, Int. J. Robotics Research 30 (2011) 969-974, and the bag in docs/how-to/calibrate.md.
 """
 
 import sys
@@ -25,35 +25,35 @@ from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_tools.figures import Trajectory, poses_at
 
-# Messages with equal stamps are written in this order: the filter answers an odometry, which has to come last.
+# Messages with equal stamps are written in this order; odometry is last, because the filter answers it with a pose.
 ODOMETRY, POSE = "nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseWithCovarianceStamped"
 CLOUD, FIELD = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/PointField"
 TOPICS = {"/initialpose": POSE, "/landmarks": CLOUD, "/ground_truth": ODOMETRY, "/odom": ODOMETRY}
-PARAMETERS = {  # of the node ekf, the same for all robots
+PARAMETERS = {  # of the node ekf, for all robots
     "wheel_separation": 0.26, "wheel_radius": 0.033, "wheels_as_configured": 0.0,  # [m] of the iRobot Create
-    # The odometry is the velocity command: it has scale errors of about 10 % and a dead time.
+    # The data set has velocity commands in place of odometry, with scale errors of about 10 % and a dead time.
     "wheel_radius_sigma": 0.1, "wheel_separation_sigma": 0.1, "odometry_delay": 0.25,
-    # The errors of the camera are correlated in time; some markers are misread.
+    # The errors of the camera are correlated in time, and some markers are misread.
     "landmark_range_offset": 0.04, "landmark_range_scale": 0.025, "correlation_times": [0.0, 0.0, 1.0],
     "gate_probability": 0.99,
 }  # fmt: skip
-SIGMA, SIGMA_PER_METRE, BEARING_SIGMA = 0.03, 0.025, 0.02  # [m], [m/m], [rad] the errors grow with the distance
+SIGMA, SIGMA_PER_METRE, BEARING_SIGMA = 0.03, 0.025, 0.02  # [m], [m/m], [rad] errors of the camera
 
 
 def number(word, low=-1e4, high=1e4):
-    """Return a number that is in its range."""
+    """Convert a word to a number; raise ValueError if the number is out of range."""
     if low <= (value := float(word)) <= high:
         return value
     raise ValueError
 
 
 def stamp(word):
-    """Return a time [s] in [ns]; a float would round it."""
+    """Convert a time [s] to [ns] without the rounding of a float."""
     return round(Decimal(word) * 10**9) if number(word, 0.0, 2.0**31 - 1.0) else 0
 
 
 def rows(path, *columns):
-    """Yield the values of each line, each converted by the function of its column; # begins a comment."""
+    """Yield the values of each line; each column has a function that converts its words. # begins a comment."""
     for count, line in enumerate(path.read_text(errors="replace").splitlines(), 1):
         try:
             if words := line.partition("#")[0].split():
@@ -63,13 +63,13 @@ def rows(path, *columns):
 
 
 def clouds_of(measured, subjects, landmarks):
-    """Return (stamp, points) of each cloud; a landmark measured twice at one time starts another cloud."""
+    """Return stamp and points of each cloud; a second measurement of a landmark at one time starts a new cloud."""
     clouds = []
     for time, barcode, depth, bearing in sorted(dict.fromkeys(measured), key=lambda row: row[0]):
-        if (subject := subjects.get(barcode)) in landmarks:  # neither another robot nor misread
+        if (subject := subjects.get(barcode)) in landmarks:  # otherwise it is another robot or misread
             if not clouds or clouds[-1][0] != time or subject in {point.number for point in clouds[-1][1]}:
                 clouds.append((time, []))
-            # The "range" of the file is the depth along the axis of the camera.
+            # The range in the file is the depth along the axis of the camera.
             distance = depth / np.cos(bearing)
             variance = (SIGMA + SIGMA_PER_METRE * distance) ** 2
             clouds[-1][1].append(LandmarkPoint(subject, distance, bearing, variance, BEARING_SIGMA**2))
@@ -77,7 +77,7 @@ def clouds_of(measured, subjects, landmarks):
 
 
 def messages(clouds, truth, commands):
-    """Yield (stamp, place of the topic in TOPICS, CDR bytes) of each message; the order of the stamps is not kept."""
+    """Yield stamp, index of the topic in TOPICS, and CDR bytes of each message, not sorted by stamp."""
     initial = make(POSE, header={"frame_id": "map"})
     true, driven = (make(ODOMETRY, header={"frame_id": frame}, child_frame_id="base_link") for frame in ("map", "odom"))
     initial.pose.covariance[[0, 7, 35]], true.pose.covariance[[0, 7, 35]] = 1e-4, 1e-6
@@ -105,7 +105,7 @@ def messages(clouds, truth, commands):
         message.data = np.frombuffer(message.data, np.uint8)
         yield time, 1, encode(CLOUD, message)
     yield from (encoded(2, true, time, pose) for time, pose in truth.items())
-    # A command holds until the next one: each message has the command before it, the mean twist since then.
+    # A command holds until the next command, so the mean twist before each time is the previous command.
     pose = Pose(0.0, 0.0, 0.0)
     for time in times:
         if time >= start:
@@ -123,7 +123,7 @@ try:
     depth, bearing = (lambda word: number(word, 1e-3)), (lambda word: number(word, -1.5, 1.5))
     clouds = clouds_of(rows(Path(folder, measured), stamp, int, depth, bearing), subjects, landmarks)
     truth = {time: pose for time, *pose in sorted(rows(Path(folder, true), stamp, *[number] * 3))}
-    # Of equal times the first command is kept.
+    # If several commands have the same time, the first one is used.
     commands = {time: Twist(*twist) for time, *twist in reversed([*rows(Path(folder, driven), stamp, number, number)])}
     ekf = PARAMETERS | {"landmark_ids": [*landmarks], "landmark_x": [x for x, *_ in landmarks.values()]}
     ekf["landmark_y"] = [y for _, y, *_ in landmarks.values()]

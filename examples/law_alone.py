@@ -1,4 +1,4 @@
-"""The law alone, without ROS, noise or filter: drives a point robot to (0, 0, 0), and draws its path.
+"""Drive an ideal robot to (0, 0, 0) with the law alone, without ROS, noise or filter, and plot its paths.
 
     python examples/law_alone.py
 

@@ -1,8 +1,9 @@
-"""A small Monte-Carlo study: 2000 drives of two presets with the filter in the loop, compiled; without ROS.
+"""Compare two presets of the law in a Monte-Carlo study of 2000 drives each, with the filter in the loop, without ROS.
 
-    python examples/monte_carlo.py [RUNS]        # needs the extra `batch`; writes monte_carlo.png
+    python examples/monte_carlo.py [RUNS]
 
-The first call compiles the closed loop, which takes up to a minute; the machine code is then kept on disk.
+Needs the extra `batch`. Writes monte_carlo.png. The first run compiles the closed loop, which takes up to a minute;
+later runs load the machine code from the disk.
 """
 
 import math
@@ -17,7 +18,7 @@ from diffbot_sim.batch import COLUMNS, Starts, run_batch
 
 words = sys.argv[1:] or ["2000"]
 if len(words) > 1 or not words[0].isdecimal() or not 1 <= int(words[0]) <= 1_000_000:
-    sys.exit(f"RUNS = {' '.join(words)}: must be one whole number, 1 to 1000000")
+    sys.exit(f"RUNS = {' '.join(words)}: must be one whole number from 1 to 1000000")
 RUNS = int(words[0])
 SEED = 1
 ANYWHERE = Starts(np.zeros((1, 3)), half=(5.0, 5.0, math.pi))  # uniform in this box about the goal: m, m, rad

@@ -1,8 +1,8 @@
-"""Read a bag without ROS and plot the estimate against the ground truth.
+"""Read a bag without ROS and plot the estimated path and the ground truth.
 
     python examples/plot_bag.py BAG [PICTURE]
 
-BAG is for example the one of goal_from_python.py; the default of PICTURE is plot_bag.png.
+BAG is, for example, the bag that goal_from_python.py records. The default of PICTURE is plot_bag.png.
 """
 
 import sys
@@ -17,12 +17,12 @@ from diffbot_tools.view.bag_source import read_bag
 if len(sys.argv) not in (2, 3):
     sys.exit(__doc__)
 try:
-    run = read_bag(Path(sys.argv[1]))  # BagReader, in diffbot_bag.bag, gives each message
+    run = read_bag(Path(sys.argv[1]))  # to read single messages, use diffbot.Bag
 except DiffbotError as error:
     sys.exit(str(error))
 curves = run.robots[0].curves
 if "error" not in curves:
-    sys.exit(f"{sys.argv[1]}: no estimate with true poses in it")
+    sys.exit(f"{sys.argv[1]} must contain both an estimate and true poses")
 
 truth = curves["truth"]
 error = np.hypot(curves["error"]["x"], curves["error"]["y"])

@@ -1,8 +1,8 @@
-"""A law of your own in the benchmark: turn towards the goal, drive there, turn to its heading.
+"""Run the benchmark with a law of your own: turn towards the goal, drive to it, turn to its heading.
 
     python examples/straight_line.py --runs 20 --case nominal --out benchmark
 
-Needs the extra `batch`. The interface of a law is in docs/how-to/own-law.md.
+Needs the extra `batch`. docs/how-to/own-law.md explains the interface of a law.
 """
 
 import math

@@ -1,6 +1,6 @@
-"""The filter and the controller on a robot, with recorder, robot description and RViz if asked.
+"""Launch the filter and the controller on a robot, with options for recorder, robot description and RViz.
 
-ros2 launch diffbot robot.launch.py --show-args
+Show the arguments: ros2 launch diffbot robot.launch.py --show-args
 """
 
 from diffbot_tools.launch_files import robot

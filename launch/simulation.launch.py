@@ -1,6 +1,6 @@
-"""The same nodes with a simulated robot, the plant.
+"""Launch the nodes of robot.launch.py and a simulated robot.
 
-ros2 launch diffbot simulation.launch.py --show-args
+Show the arguments: ros2 launch diffbot simulation.launch.py --show-args
 """
 
 from diffbot_tools.launch_files import simulation

@@ -41,7 +41,7 @@ from diffbot_control.filter.models import (
     size_of,
     transition,
 )
-from diffbot_control.filter.state import Filter, Options
+from diffbot_control.filter.state import FilterState, Options
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import scale_twist_covariance
 
@@ -70,7 +70,7 @@ MAX_SLIP = 0.2
 """Largest relative radius error that the filter uses to explain slip."""
 
 
-def predict(filter_: Filter, options: Options, motion: Motion) -> None:
+def predict(filter_: FilterState, options: Options, motion: Motion) -> None:
     """Move the estimate and the candidate."""
     if options.fuzzy:
         factor = noise.q_scale(filter_.noise[0])
@@ -120,7 +120,7 @@ def normalised_square(y: Array, S: Array) -> float:
     return total + y_2 * y_2 / third if third > 0.0 else math.nan
 
 
-def take(filter_: Filter, options: Options, reading: Reading) -> int:
+def take(filter_: FilterState, options: Options, reading: Reading) -> int:
     """Gate a measurement, use it accordingly, and return the outcome, e.g. ACCEPTED."""
     if not is_defined(reading, filter_.x):
         return IGNORED
@@ -144,7 +144,7 @@ def take(filter_: Filter, options: Options, reading: Reading) -> int:
     return outcome
 
 
-def innovation(filter_: Filter, options: Options, reading: Reading) -> tuple[Expected, Array]:
+def innovation(filter_: FilterState, options: Options, reading: Reading) -> tuple[Expected, Array]:
     """Compare a measurement with the estimate; return also the innovation covariance S (m, m) at the gate.
 
     R is the claimed covariance times the estimated scale. The measurement must be defined at the estimate.
@@ -171,7 +171,7 @@ def _expected(reading: Reading, x: Array, P: Array, row: Array, options: Options
     return Expected(expected.y, expected.H, R)
 
 
-def _inflation(filter_: Filter, options: Options, reading: Reading) -> float:
+def _inflation(filter_: FilterState, options: Options, reading: Reading) -> float:
     """Return the factor by which R is inflated for time-correlated errors."""
     last, time = filter_.last[reading.place], options.times[reading.source]
     if last[state.VALID] == 0.0 or not (options.finds_noise or time > 0.0):
@@ -229,7 +229,7 @@ def _reset_implausible_wheels(x: Array, P: Array, options: Options) -> None:
         x[WHEELS + i], P[WHEELS + i, WHEELS + i] = errors[i], variances[i]
 
 
-def _accept(filter_: Filter, options: Options, reading: Reading, expected: Expected, S: Array, nis: float) -> None:
+def _accept(filter_: FilterState, options: Options, reading: Reading, expected: Expected, S: Array, nis: float) -> None:
     """Correct with a measurement within the gate, and update the noise statistic of its source."""
     row, last, gate = filter_.noise[reading.source], filter_.last[reading.place], filter_.gate
     if is_fix(reading.kind):
@@ -258,7 +258,7 @@ def _accept(filter_: Filter, options: Options, reading: Reading, expected: Expec
         filter_.shift[i] += shift[i]
 
 
-def _update_noise(filter_: Filter, options: Options, reading: Reading, expected: Expected, x: float, y: float) -> None:
+def _update_noise(filter_: FilterState, options: Options, reading: Reading, expected: Expected, x: float, y: float) -> None:
     """Add the previous and this measurement to the noise statistic, and inflate P if the estimated R increases.
 
     ``x`` and ``y`` [m] are the estimated position before the correction.
@@ -303,7 +303,7 @@ def _noise_factor(row: Array, reading: Reading) -> float:
     return float(position ** (1.0 - share) * angle**share) * inflation
 
 
-def _reject(filter_: Filter, options: Options, reading: Reading, bound: float) -> int:
+def _reject(filter_: FilterState, options: Options, reading: Reading, bound: float) -> int:
     """Correct or restart the candidate with a fix beyond the gate; return REJECTED or RELOCATED."""
     gate, x, P = filter_.gate, filter_.candidate, filter_.candidate_P
     row = filter_.noise[reading.source]
@@ -339,7 +339,7 @@ def _reject(filter_: Filter, options: Options, reading: Reading, bound: float) -
     return RELOCATED
 
 
-def take_rate(filter_: Filter, options: Options, motion: Motion) -> float:
+def take_rate(filter_: FilterState, options: Options, motion: Motion) -> float:
     """Correct the gyro bias and the wheel errors with the turn rate of a motion.
 
     When a wheel starts or stops slipping, the innovations keep one sign. The variances of the radius errors are then
@@ -363,7 +363,7 @@ def take_rate(filter_: Filter, options: Options, motion: Motion) -> float:
     return 0.0
 
 
-def _inflate_radii_on_slip(filter_: Filter, dt: float, y: float, S: float, sensitivity: float) -> None:
+def _inflate_radii_on_slip(filter_: FilterState, dt: float, y: float, S: float, sensitivity: float) -> None:
     """Increase the variances of the radius errors if the innovations of the turn rate keep one sign.
 
     Args:
@@ -386,7 +386,7 @@ def _inflate_radii_on_slip(filter_: Filter, dt: float, y: float, S: float, sensi
         filter_.P[4, 4] += variance
 
 
-def average(filter_: Filter, options: Options) -> tuple[Array, Array]:
+def average(filter_: FilterState, options: Options) -> tuple[Array, Array]:
     """Return mean (n,) and covariance (n, n), averaged over two hypotheses for the wheels and for the landmark sensor.
 
     Hypothesis 1: the errors are exactly as configured. Hypothesis 2: they differ. Estimating an error that does not

@@ -1,6 +1,6 @@
 """Options and memory of the filter.
 
-The memory is one flat array. The fields of a :class:`Filter` are views of this array, so a copy of the array is a
+The memory is one flat array. The fields of a :class:`FilterState` are views of this array, so a copy of the array is a
 snapshot that can be restored.
 """
 
@@ -23,8 +23,8 @@ VALID, TIME, INNOVATION, NORMALISED, POSE, VAR_THETA = 0, 1, 2, 5, 8, 11
 ALONG, TURN, NIS, OUTCOME, SHIFT = 12, 13, 14, 15, 16
 """Columns of the newest accepted measurement of a source or landmark, with which the next measurement is compared: 1 if
 there is one; time [s]; innovation (3,); normalised innovation (3,); pose before the correction (3,); variance of the
-heading; both sums of :attr:`Filter.travelled`; NIS and outcome, also of a measurement that was not accepted; the sum
-:attr:`Filter.shift` (n,)."""
+heading; both sums of :attr:`FilterState.travelled`; NIS and outcome, also of a measurement that was not accepted; the sum
+:attr:`FilterState.shift` (n,)."""
 
 
 class Options(NamedTuple):
@@ -59,7 +59,7 @@ class Options(NamedTuple):
     """[s] known correlation time of the errors of each source; 0: unknown"""
 
 
-class Filter(NamedTuple):
+class FilterState(NamedTuple):
     """The memory of a filter."""
 
     memory: Any
@@ -84,7 +84,7 @@ class Filter(NamedTuple):
     """(sources + landmarks, 16 + n) newest measurement of each source and landmark"""
 
 
-def new_filter(options: Options, landmarks: int = 0) -> Filter:
+def new_filter(options: Options, landmarks: int = 0) -> FilterState:
     """Return a reset filter for a map with this number of landmarks; call :func:`start` next."""
     n, sources = options.size, len(options.times)
     shapes = (n,), (n, n), (n,), (n, n), (6,), (2,), (n,), (sources, noise.COLUMNS), (sources + landmarks, SHIFT + n)
@@ -94,12 +94,12 @@ def new_filter(options: Options, landmarks: int = 0) -> Filter:
         end = first + math.prod(shape)
         views.append(memory[first:end].reshape(shape))
         first = end
-    filter_ = Filter(memory, *views)
+    filter_ = FilterState(memory, *views)
     reset(filter_, options)
     return filter_
 
 
-def reset(filter_: Filter, options: Options) -> None:
+def reset(filter_: FilterState, options: Options) -> None:
     """Clear the whole memory and set all errors to their initial values; call :func:`start` next."""
     filter_.memory[:] = 0.0
     for row in range(len(filter_.noise)):
@@ -109,7 +109,7 @@ def reset(filter_: Filter, options: Options) -> None:
         filter_.P[WHEELS + i, WHEELS + i] = options.variances[i]
 
 
-def start(filter_: Filter, pose: Pose, P: Array) -> None:
+def start(filter_: FilterState, pose: Pose, P: Array) -> None:
     """Set the pose with covariance ``P`` (3, 3); the estimated errors and the noise statistics stay."""
     reset_pose(filter_.x, filter_.P, pose, P)
     filter_.gate[:] = 0.0
@@ -124,7 +124,7 @@ def reset_pose(x: Array, P: Array, pose: Pose, pose_P: Array) -> None:
     P[:3, :3] = pose_P
 
 
-def set_errors(filter_: Filter, options: Options, first: int, errors: Array, P: Array) -> None:
+def set_errors(filter_: FilterState, options: Options, first: int, errors: Array, P: Array) -> None:
     """Set ``errors`` (k,) with covariance ``P`` (k, k), uncorrelated with all other states.
 
     ``first`` is the index of the first error, WHEELS or SENSOR. Errors that this filter does not estimate, or whose
@@ -140,7 +140,7 @@ def set_errors(filter_: Filter, options: Options, first: int, errors: Array, P: 
             filter_.P[i, j] = P[i - first, j - first]
 
 
-def unpair(filter_: Filter) -> None:
+def unpair(filter_: FilterState) -> None:
     """Drop the newest measurements after a jump of the estimate, so that no pair of measurements spans the jump."""
     filter_.last[:, VALID] = 0.0
     for row in range(len(filter_.noise)):

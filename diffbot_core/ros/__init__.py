@@ -1,1 +1,1 @@
-"""The base class of all nodes, their executor and signals, and ROS parameters from configuration types."""
+"""Base classes of nodes, their executor and signals, and ROS parameters from configuration types."""

@@ -1,8 +1,8 @@
-"""Managed nodes: configured, activated and deactivated by services, as by Nav2's lifecycle manager, or by themselves.
+"""Base class of managed nodes, which Nav2's lifecycle manager can configure, activate and deactivate.
 
-The states are those of https://design.ros2.org/articles/node_lifecycle.html. *Unconfigured* nodes have their parameters
-and their diagnostics only; *inactive* ones receive messages and do not act on them; *active* ones work. With the
-parameter ``autostart`` a node is active before it is ready.
+The states are defined in https://design.ros2.org/articles/node_lifecycle.html. An *unconfigured* node has parameters
+and diagnostics only. An *inactive* node receives messages but does not act. An *active* node works. With the parameter
+``autostart``, a node configures and activates itself at the start.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ _SUCCESS, _FAILURE, _ERROR = (
 class ManagedNode(LifecycleNodeMixin, DiffbotNode[C]):  # type: ignore[misc]
     """A DiffbotNode with the states and services of a lifecycle node.
 
-    A node creates its publishers, subscriptions, services and timers in :meth:`configure`; the cleanup destroys them.
-    Its configuration has the fields of LifecycleConfig.
+    A subclass creates its publishers, subscriptions, services and timers in :meth:`configure`; this class destroys
+    them after :meth:`cleanup`. The configuration of the node has the fields of LifecycleConfig.
     """
 
     def __init__(
         self, name: str, config_type: type[C], presets: Mapping[str, C] | None = None, **node_options: Any
     ) -> None:
-        """Create the node, see :class:`DiffbotNode`; with ``autostart`` it is active afterwards.
+        """Create the node; arguments as for :class:`DiffbotNode`.
 
         Raises:
             DiffbotError: if the value of a parameter is not allowed, or the node cannot be configured or activated.
@@ -65,13 +65,13 @@ class ManagedNode(LifecycleNodeMixin, DiffbotNode[C]):  # type: ignore[misc]
         """Start to work."""
 
     def deactivate(self) -> None:
-        """Stop working, while messages can still be sent."""
+        """Stop working; messages can still be sent."""
 
     def cleanup(self) -> None:
-        """Release other resources; publishers, subscriptions, clients, services and timers are destroyed afterwards."""
+        """Release resources other than publishers, subscriptions, clients, services and timers."""
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Configure the node, and destroy everything again if that fails."""
+        """Configure the node; if that fails, destroy what was created."""
         self._failure = None
         self._configuration = object()
         result = self._attempt(self.configure)
@@ -94,17 +94,17 @@ class ManagedNode(LifecycleNodeMixin, DiffbotNode[C]):  # type: ignore[misc]
         return self._end_activity()
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Clean up: destroy what :meth:`configure` created."""
+        """Destroy what :meth:`configure` created."""
         self._failure = None
         return self._end_configuration()
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Deactivate and clean up for good; the process waits for a signal, as Nav2's processes do."""
+        """Deactivate and clean up finally; the process waits for a signal, as the processes of Nav2 do."""
         self._failure = None
         return self.on_error(state)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Return to unconfigured after a transition that raised; the reason stays in /diagnostics."""
+        """Return to unconfigured after a transition that raised an exception; /diagnostics still reports the reason."""
         deactivated = self._end_activity() if self.is_active else _SUCCESS
         cleaned_up = self._end_configuration()
         return cleaned_up if deactivated == _SUCCESS else deactivated
@@ -130,17 +130,17 @@ class ManagedNode(LifecycleNodeMixin, DiffbotNode[C]):  # type: ignore[misc]
 
     def destroy_node(self) -> None:
         """Destroy the node and its state machine; rclpy would keep the publisher of ~/transition_event."""
+        # The services of the node use handles of the state machine, so they are destroyed first.
         super().destroy_node()
-        # A node whose parameters were refused has no state machine.
+        # The state machine is missing if a parameter was refused.
         machine = getattr(self, "_state_machine", None)
         if machine is not None:
-            # Last: the services of the node are handles of it.
             machine.destroy_when_not_in_use()
 
     def diagnosis(self) -> tuple[int, str, dict[str, str]]:
         """Return level, message and values for /diagnostics.
 
-        A node that is not active has no fault, but a failed transition is one, until the next transition succeeds.
+        A node that is not active reports no problem except a failed transition, until the next transition succeeds.
         """
         if self.is_active:
             return super().diagnosis()
@@ -152,7 +152,7 @@ class ManagedNode(LifecycleNodeMixin, DiffbotNode[C]):  # type: ignore[misc]
         return DiagnosticStatus.ERROR[0], f"{state}; {self._failure}", values
 
     def _attempt(self, work: Callable[[], None]) -> TransitionCallbackReturn:
-        """Do the work of a transition and keep its first failure, because rclpy drops exceptions of the work."""
+        """Do the work of a transition and store its first failure; rclpy would drop the exception."""
         name, result = work.__name__, _SUCCESS
         try:
             work()
@@ -186,25 +186,26 @@ class ManagedNode(LifecycleNodeMixin, DiffbotNode[C]):  # type: ignore[misc]
                 destroy(entity)
 
     def _guard_requests(self) -> None:
-        """Refuse a transition that the present state does not have, because in rclpy 7.1 it would end the node."""
+        """Refuse a transition that is not possible in the present state, because it would end the node in rclpy 7.1."""
         service = next(one for one in self.services if one.srv_type is ChangeState)
         change: Callable[[Any, Any], Any] = service.callback
 
         def guarded(request: Any, response: Any) -> Any:
-            asked = request.transition.label or request.transition.id
-            if any(asked in transition[:2] for transition in self._state_machine.available_transitions):
+            requested = request.transition.label or request.transition.id
+            if any(requested in transition[:2] for transition in self._state_machine.available_transitions):
                 return change(request, response)
-            self.get_logger().warning(f"no transition {asked} from {self._state_machine.current_state[1]}: refused")
+            state = self._state_machine.current_state[1]
+            self.get_logger().warning(f"transition {requested} refused: it is not possible in the state {state}")
             response.success = False
             return response
 
         service.callback = guarded
         for one in self.services:
             if one.srv_type.__module__.startswith("lifecycle_msgs."):
-                # rclpy creates these services without create_service().
+                # rclpy does not create these services by create_service().
                 one.callback = self.contained_service(one.callback, one.service_name)
 
 
 def _ended(result: TransitionCallbackReturn) -> TransitionCallbackReturn:
-    """Return ERROR for FAILURE: after a failed deactivation or cleanup the node cannot return to its former state."""
+    """Convert FAILURE to ERROR: after a failed deactivation or cleanup, the node cannot keep its previous state."""
     return _ERROR if result == _FAILURE else result

@@ -1,4 +1,4 @@
-"""Base class of all nodes: checked parameters, contained callbacks, counted messages and /diagnostics."""
+"""Base class of all nodes: checks parameters, catches errors of callbacks, counts messages, reports on /diagnostics."""
 
 from __future__ import annotations
 
@@ -30,35 +30,34 @@ from diffbot_core.ros.watches import (
     subscriptions_of,
 )
 from diffbot_core.schema import C
-from diffbot_core.yaml_files import GivenFiles
+from diffbot_core.yaml_files import ParameterFiles
 
 MAX_ENTRIES = 1000
-"""largest number of entries in a request to a parameter service; rclpy handles a million names for seconds"""
+"""Largest number of entries in a request to a parameter service; a million entries would block a node for seconds."""
 DIAGNOSTICS_PERIOD = 1.0
 """[s] between two /diagnostics messages of a node"""
-
-_AROUND = (__name__, "diffbot_core.ros.run")
-"""modules that lie between rclpy and the code of a node"""
+_BASE_MODULES = (__name__, "diffbot_core.ros.run")
+"""Modules whose functions are in the traceback of every callback."""
 
 
 class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
-    """A node with checked parameters (``config``), contained callbacks and a report on /diagnostics once a second.
+    """A node with checked parameters (``config``), error handling and a report on /diagnostics once a second.
 
-    rclpy calls the functions of a node through one function, made by :meth:`contained`. An exception that leaves a
-    callback would end rclpy's spinning, and its EventsExecutor would call no further callback. So a node contains what
-    its callbacks raise, including the callbacks that rclpy itself registers (parameter services, /clock).
+    An exception that leaves a callback would end rclpy's spinning, and its EventsExecutor would call no further
+    callback. So the node wraps all callbacks by :meth:`contained`, including the callbacks that rclpy registers
+    (parameter services, /clock).
     """
 
-    files: GivenFiles | None = None
-    """the parameter files of this process; set by :func:`diffbot_core.ros.run.run`"""
+    files: ParameterFiles | None = None
+    """parameter files of this process; set by :func:`diffbot_core.ros.run.run`"""
     qos_by_parameters = True
-    """False for a node without parameters ``qos_overrides...``, whose topics are those of a bag"""
+    """False for the nodes that record or replay, which have no parameters ``qos_overrides...``"""
     is_configured = True
-    """False while a managed node has only its parameters"""
+    """False while a managed node is unconfigured"""
     is_active = True
-    """False while a managed node does not work"""
+    """False while a managed node is not active"""
     moves_the_robot = False
-    """True for a node that stops the robot before other nodes end"""
+    """True for a node that must stop the robot before other nodes end"""
     _checked_parameters: CheckedParameters[C] | None = None
     _configuration: object | None = None
     """identity of the present configuration of a managed node; callbacks of an earlier configuration do nothing"""
@@ -70,13 +69,13 @@ class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
 
         Args:
             name: name of the node.
-            config_type: configuration from which the parameters are declared.
-            presets: configurations selected by the parameter ``preset``, whose values are the defaults.
+            config_type: configuration type that defines the parameters.
+            presets: defaults of all parameters for each value of the parameter ``preset``.
             node_options: options of rclpy's Node.
 
         Raises:
-            DiffbotError: if the value of a parameter is not allowed, or the middleware refuses the node, for example
-                because DDS Security is enforced and missing.
+            DiffbotError: if the value of a parameter is not allowed, or if the middleware refuses the node, for example
+                because DDS Security is required and not configured.
         """
         self.health = Health()
         self.faults = FaultRecord()
@@ -104,44 +103,45 @@ class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
     @property
     def config(self) -> C:
         """The present configuration, which is always valid."""
-        return cast("CheckedParameters[C]", self._checked_parameters).config
+        return self.checked_parameters.config
 
     @property
     def checked_parameters(self) -> CheckedParameters[C]:
-        """The parameters behind the configuration."""
+        """The ROS parameters of the node."""
         return cast("CheckedParameters[C]", self._checked_parameters)
 
     def parameter_set(
         self, config_type: type[C], presets: Mapping[str, C] | None, overrides: Mapping[str, Any]
     ) -> tuple[type[C], Mapping[str, C] | None]:
-        """Return configuration type and presets, for nodes whose parameters depend on one of the ``overrides``.
+        """Return the configuration type and the presets to use; the constructor calls this method once.
 
-        The constructor calls it once, before it declares the parameters.
+        A node whose parameters depend on other parameters overrides this method. ``overrides`` are the values that the
+        user has given.
         """
         return config_type, presets
 
     def on_config(self, config: C) -> None:
-        """Update values that depend on parameters; called after each change of parameters."""
+        """Update values that depend on parameters; called after each change of a parameter."""
 
     def _use_config(self, config: C) -> None:
         if self.is_configured:
             self.on_config(config)
 
     def halt(self) -> None:
-        """Stop the robot; called after an internal error, for nodes that move the robot."""
+        """Stop the robot; called after an internal error."""
 
     def before_shutdown(self) -> None:
-        """Stop the robot, or close a file; called once at the end, while messages can still be sent."""
+        """Stop the robot or close files; called once at the end, while messages can still be sent."""
 
     def finish(self, exit_code: int) -> None:
-        """End the process with this exit status as soon as the present callback returns."""
+        """End the process with an exit status as soon as the present callback returns."""
         self.exit_code = exit_code
 
     def contained(self, callback: Callable[..., Any], where: str, *, counted: bool = False) -> Callable[..., Any]:
-        """Return the one function between rclpy and a callback.
+        """Wrap a callback so that :meth:`contain` handles its exceptions.
 
         Args:
-            callback: function of the node. If it raises, :meth:`contain` is called, and the result is None.
+            callback: function of the node.
             where: topic, service or timer of the callback.
             counted: count each message that the callback accepts.
         """
@@ -150,7 +150,7 @@ class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
         @wraps(callback)
         def call(*arguments: Any) -> Any:
             if configuration is not None and configuration is not self._configuration:
-                # The executor had already taken this callback when the request to clean up destroyed its entity.
+                # The executor had already selected this callback when the cleanup destroyed its entity.
                 return None
             try:
                 result = callback(*arguments)
@@ -164,7 +164,7 @@ class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
         return call
 
     def contain(self, error: Exception, where: str) -> None:
-        """Handle an error of the callback of ``where``: count a bad message, or halt after an internal error."""
+        """Handle an exception of the callback of ``where``: count a bad message, or halt after an internal error."""
         if is_bad_input(error):
             kind = error.kind if isinstance(error, BadMessageError) else f"malformed, {type(error).__name__}"
             text = " ".join(str(error).split())
@@ -186,7 +186,7 @@ class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
             self.get_logger().error(f"{self.faults.newest} (logged once)\n{self.faults.trace}")
 
     def contained_service(self, callback: Callable[[Any, Any], Any], name: str) -> Callable[[Any, Any], Any]:
-        """Return the function between rclpy and the callback of a service, which also answers a call that fails."""
+        """Wrap the callback of a service so that a call that fails is answered, too."""
 
         def call(request: Any, response: Any) -> Any:
             try:
@@ -205,15 +205,15 @@ class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
     ) -> Any:
         """Create a subscription whose messages are counted in /diagnostics.
 
-        If ``callback`` raises a BadMessageError, the node drops and counts the message, and logs the first of its kind.
-        With ``raw`` the callback receives the bytes of the message.
+        If the callback raises a BadMessageError, the node counts the message as dropped and logs the first message of
+        this kind. With ``raw``, the callback receives the serialized message.
         """
         subscription = self._subscribe(message_type, topic, self.contained(callback, topic, counted=True), qos, raw=raw)
         self._subscribed[topic] = subscription
         return subscription
 
     def input_problem(self, topic: str) -> str:
-        """Return why the node accepts no message of a topic, because it drops them or none can arrive; may be empty."""
+        """Return why the node accepts no messages of a topic: it drops them, or none can arrive; otherwise empty."""
         if dropped := self.health.newest_drop(topic, time.monotonic()):
             return f"drops {topic}: {dropped}"
         if (subscription := self._subscribed.get(topic)) is None:
@@ -229,7 +229,7 @@ class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
     def create_subscription(
         self, msg_type: Any, topic: str, callback: Any, qos_profile: QoSProfile | int, **options: Any
     ) -> Any:
-        """Create a subscription without counting its messages."""
+        """Create a subscription whose messages are not counted."""
         return self._subscribe(msg_type, topic, self.contained(callback, topic), qos_profile, **options)
 
     def _subscribe(self, kind: Any, topic: str, callback: Any, qos: QoSProfile | int, **options: Any) -> Any:
@@ -240,14 +240,14 @@ class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
         """Create a publisher.
 
         Raises:
-            InvalidValueError: naming the parameter, if the value of a QoS override is not allowed.
+            InvalidValueError: if the value of a QoS override is not allowed.
         """
         qos = self._with_overrides(topic, PUBLISHER, qos_profile, options)
         return super().create_publisher(msg_type, topic, qos, **options)
 
     def _with_overrides(self, topic: str, entity: str, qos: QoSProfile | int, options: dict[str, Any]) -> Any:
-        """Return the profile changed by the parameters ``qos_overrides...``, and add rclpy's options for them."""
-        # rclpy subscribes to /clock whenever use_sim_time is set, and creates publishers before there are parameters.
+        """Return the profile, and add rclpy's option for the parameters ``qos_overrides...`` to ``options``."""
+        # rclpy itself subscribes to /clock, and creates publishers before the parameters are declared.
         if not self.qos_by_parameters or self._checked_parameters is None or topic == CLOCK_TOPIC:
             return qos
         name = self.resolve_topic_name(topic)
@@ -268,9 +268,9 @@ class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
         return [self.set_parameters_atomically([one]) for one in parameter_list]
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
-        """Change all parameters or none; the parameter services also call this method.
+        """Change all parameters or none; the parameter services call this method, too.
 
-        It checks the values before rclpy does, because rclpy's messages name neither value nor bound.
+        The values are checked before rclpy checks them, because the messages of rclpy name neither value nor bound.
         """
         if self._checked_parameters is not None:
             try:
@@ -280,7 +280,7 @@ class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
         return super().set_parameters_atomically(parameter_list)
 
     def health_level(self) -> tuple[int, str]:
-        """Return level and message for /diagnostics; a node with a state adds the state."""
+        """Return level and message for /diagnostics; some nodes add their state."""
         if self.faults.newest:
             return DiagnosticStatus.ERROR[0], self.faults.newest
         if watches := [one for one in (self.clock_watch, self.publisher_watch) if one.problem]:
@@ -312,18 +312,18 @@ class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
 
 
 class FaultRecord:
-    """The internal errors of one node; their number is bounded by the number of places in the code."""
+    """The newest internal error of a node, and the places in the code where internal errors occurred."""
 
     def __init__(self) -> None:
         """Start without an error."""
         self.newest = ""
-        """the newest error in one line; empty if there was none"""
+        """newest error in one line; empty if no error occurred"""
         self.trace = ""
-        """the traceback of the newest error"""
+        """traceback of the newest error"""
         self._known: set[tuple[str, str, int]] = set()
 
     def add(self, error: Exception, where: str) -> bool:
-        """Record an error of the callback of ``where``; return True if it is the first of its type and place."""
+        """Add an error of the callback of ``where``; return True if it is the first of its type at its line of code."""
         self.newest = f"internal error in {where}: {one_line(error)}"
         self.trace = "".join(traceback.format_exception(error))
         place = traceback.extract_tb(error.__traceback__)[-1]
@@ -334,19 +334,18 @@ class FaultRecord:
 
 
 def is_bad_input(error: Exception) -> bool:
-    """Return True if an error reports malformed input: a BadMessageError, or an error raised by rclpy alone.
+    """Return True if malformed input caused an error: it is a BadMessageError, or rclpy itself raised it.
 
-    An error counts as rclpy's own if no code of this project is in its traceback, apart from the modules that call
-    rclpy or are called by it for every callback.
+    rclpy itself raised an error if the traceback contains no code of this project except _BASE_MODULES.
     """
     if isinstance(error, BadMessageError):
         return True
     names = (str(frame.f_globals.get("__name__", "")) for frame, _ in traceback.walk_tb(error.__traceback__))
-    return not any(name == "__main__" or (name.startswith("diffbot_") and name not in _AROUND) for name in names)
+    return not any(name == "__main__" or (name.startswith("diffbot_") and name not in _BASE_MODULES) for name in names)
 
 
 def refusal(request: Any, response: Any, reason: str) -> Any:
-    """Return the response of a failed service call, with ``reason`` where its type has a field for it."""
+    """Return the response of a failed service call, with the ``reason`` if the response has a field for it."""
     result = SetParametersResult(successful=False, reason=reason)
     if hasattr(response, "results") and hasattr(request, "parameters"):
         response.results.extend([result] * (min(len(request.parameters), MAX_ENTRIES) - len(response.results)))
@@ -363,6 +362,6 @@ def one_line(error: BaseException) -> str:
 
 
 def status_message(name: str, level: int, text: str, values: dict[str, str]) -> DiagnosticStatus:
-    """Return a DiagnosticStatus; ``level`` is an integer, which the message holds as one byte."""
+    """Return a DiagnosticStatus, whose level is one byte, from an integer ``level``."""
     pairs = [KeyValue(key=key, value=value) for key, value in values.items()]
     return DiagnosticStatus(name=name, level=bytes([level]), message=text, values=pairs)

@@ -1,4 +1,4 @@
-"""ROS parameters from configuration types: declared, checked and kept in step with ``ros2 param set``."""
+"""Declare, check and change ROS parameters that a configuration type defines."""
 
 from __future__ import annotations
 
@@ -16,27 +16,27 @@ from diffbot_core.installed import entry_points_by_name
 from diffbot_core.schema import C, Parameter, build, checked, parameters_of, to_dict
 
 _QOS_OVERRIDE = re.compile(r"qos_overrides\./.+\.(publisher|subscription)(_\w+)?\.[a-z_]+")
-"""Names that rclpy declares when it creates a topic; a file for several nodes contains those of all nodes."""
+"""Parameters that rclpy declares when it creates a publisher or subscription."""
 CONFIGS = "diffbot.parameters"
-"""Group of the entry points: name of the node -> ``package.module:Config``."""
+"""Group of entry points that map the name of a node to ``package.module:Config``."""
 
 
 def is_qos_override(name: str) -> bool:
-    """Return True for a parameter that rclpy declares when a topic is created."""
+    """Return True if rclpy declares the parameter when it creates a publisher or subscription."""
     return _QOS_OVERRIDE.fullmatch(name) is not None
 
 
 def overrides_of(node: Node) -> dict[str, Any]:
-    """Return the values given to ``node`` from outside by name, also of parameters that are never declared."""
-    # rclpy has no public way to list overrides that are never declared.
+    """Return the parameter values that the user has given to ``node``, including parameters that are not declared."""
+    # rclpy has no public method for this.
     given = getattr(node, "_parameter_overrides", {})
     return {name: parameter.value for name, parameter in given.items()}
 
 
 class CheckedParameters(Generic[C]):
-    """The parameters of one node as one configuration, which is always valid.
+    """The parameters of one node as a configuration, which is always valid.
 
-    A bad value at the start raises an error. A bad ``ros2 param set`` is refused with the same text.
+    An invalid value raises an error at the start; later, an invalid change is refused with the same text.
     """
 
     def __init__(
@@ -46,12 +46,16 @@ class CheckedParameters(Generic[C]):
         on_change: Callable[[C], None],
         presets: Mapping[str, C] | None = None,
     ) -> None:
-        """Declare every field of ``config_type`` on ``node``; ``on_change`` receives each later configuration.
+        """Declare every field of ``config_type`` on ``node``.
 
-        With ``presets`` the parameter ``preset`` selects the defaults of all other parameters.
+        Args:
+            node: the node.
+            config_type: the configuration type.
+            on_change: called with the new configuration after each change of a parameter.
+            presets: defaults of all other parameters for each value of the parameter ``preset``.
 
         Raises:
-            InvalidValueError: naming parameter, value and bound, if an override from outside is not allowed.
+            InvalidValueError: if a given value is not allowed.
         """
         self._node = node
         self._overrides = overrides_of(node)
@@ -72,10 +76,10 @@ class CheckedParameters(Generic[C]):
         node.add_post_set_parameters_callback(self._apply)
 
     def _declare(self, parameter: Parameter, default: Any) -> Any:
-        """Declare a parameter and return its value: the override from outside if there is one."""
+        """Declare a parameter with the given value or the default, and return the value."""
         value = self._overrides.get(parameter.name, default)
         if value is None and get_origin(parameter.type) is tuple:
-            # rcl has no type for [], and gives such an override no value.
+            # rcl has no type for an empty list, so the override has no value.
             value = ()
         value = checked(parameter, value)
         stored = list(value) if isinstance(value, tuple) else value
@@ -84,16 +88,18 @@ class CheckedParameters(Generic[C]):
 
     @property
     def unknown(self) -> dict[str, Any]:
-        """Values given from outside under names that neither this node nor another node of this package has.
+        """Given values whose names are not parameters of any node of this package.
 
-        The section /** of a file may hold parameters of all nodes.
+        Parameters of other nodes are allowed, because a section /** of a file applies to all nodes.
         """
-        left = {name: value for name, value in self._overrides.items() if not self._node.has_parameter(name)}
-        if not left:
+        undeclared = {name: value for name, value in self._overrides.items() if not self._node.has_parameter(name)}
+        if not undeclared:
             return {}
         configs = (one.load() for one in entry_points_by_name(CONFIGS).values())
         known = {parameter.name for config in configs for parameter in parameters_of(config)}
-        return {name: left[name] for name in sorted(left) if name not in known and not is_qos_override(name)}
+        return {
+            name: value for name, value in sorted(undeclared.items()) if name not in known and not is_qos_override(name)
+        }
 
     @property
     def names(self) -> list[str]:
@@ -101,16 +107,16 @@ class CheckedParameters(Generic[C]):
         return list(self._fields)
 
     def converted(self, changes: list[RosParameter]) -> list[RosParameter]:
-        """Return ``changes`` with whole numbers and the text ``inf`` converted to floats where a float is declared.
+        """Check ``changes``, and convert integers and texts such as ``inf`` to floats for float parameters.
 
         Raises:
-            DiffbotError: naming parameter, value and bound, if a change is not allowed.
+            DiffbotError: if a change is not allowed.
         """
-        ours = self._values(changes)
-        # rclpy refuses a change of a read-only parameter, whatever its value.
-        if not any(self._fields[name].spec.read_only for name in ours):
-            build(self._type, ours, self.config)
-        floats = {name for name in ours if self._fields[name].type is float}
+        own = self._values(changes)
+        # rclpy refuses any change of a read-only parameter.
+        if not any(self._fields[name].spec.read_only for name in own):
+            build(self._type, own, self.config)
+        floats = {name for name in own if self._fields[name].type is float}
         return [
             RosParameter(one.name, RosParameter.Type.DOUBLE, checked(self._fields[one.name], one.value))
             if one.name in floats
@@ -119,12 +125,12 @@ class CheckedParameters(Generic[C]):
         ]
 
     def _apply(self, changes: list[RosParameter]) -> None:
-        if ours := self._values(changes):
-            self.config = build(self._type, ours, self.config)
+        if own := self._values(changes):
+            self.config = build(self._type, own, self.config)
             self._on_change(self.config)
 
     def _values(self, changes: list[RosParameter]) -> dict[str, Any]:
-        """Return the values of declared fields, arrays as lists."""
+        """Return the values of the changes that concern fields of the configuration, with arrays as lists."""
         return {
             one.name: one.value.tolist() if isinstance(one.value, array) else one.value
             for one in changes
@@ -133,16 +139,16 @@ class CheckedParameters(Generic[C]):
 
 
 def descriptor_of(parameter: Parameter) -> ParameterDescriptor:
-    """Return text, unit and bounds of a parameter, and a range unless ``inf`` is allowed.
+    """Return the ROS descriptor of a parameter.
 
-    rclpy enforces a range, and a range cannot express that inf is allowed beyond its bound.
+    A parameter that allows ``inf`` has no range in its descriptor, because rclpy would refuse ``inf`` then.
     """
     spec = parameter.spec
     descriptor = ParameterDescriptor(
         description=f"{spec.text} [{spec.unit}]",
         additional_constraints=spec.bound() if parameter.type in (float, int) or spec.choices else "",
         read_only=spec.read_only,
-        # ROS cannot know the element type of an empty list; schema.checked() checks the types.
+        # An empty list has no element type for ROS; schema.checked() checks the types.
         dynamic_typing=True,
     )
     closed = math.isfinite(spec.minimum) and math.isfinite(spec.maximum)

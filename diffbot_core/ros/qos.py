@@ -1,7 +1,7 @@
-"""Quality of service: the profiles of this project, their overrides by parameters, and delivery of a last message.
+"""Quality of service: profiles, overrides by parameters, and delivery of a node's last message.
 
-A subscription that asks for reliable delivery gets nothing from a best-effort publisher, while best effort accepts
-both. So sensors are received best effort, unless every message is needed, as in lock-step.
+A reliable subscription receives nothing from a best-effort publisher, while a best-effort subscription receives from
+both kinds. So subscriptions to sensors are best effort, unless every message is needed, as in lock-step.
 """
 
 from __future__ import annotations
@@ -28,20 +28,20 @@ from diffbot_core.schema import Parameter, Spec, checked
 QUEUE = QoSProfile(depth=10)
 """Default of publishers and subscriptions: reliable and volatile."""
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""Transient local: late subscribers receive the last message."""
+"""Transient local: a late subscriber receives the last message."""
 STATUS = QoSProfile(
     depth=1,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
     liveliness=LivelinessPolicy.AUTOMATIC,
     liveliness_lease_duration=Duration(seconds=1),
 )
-"""Latched, with a lease: DDS reports to a subscriber that requests it, within a second, that the process has died."""
+"""Latched with a liveliness lease: DDS reports the end of the process to subscribers that request it, within 1 s."""
 SENSOR = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""Of subscriptions to sensors: accepts any publisher, and queues 0.1 s at 200 Hz (rclpy's own profile queues 5)."""
+"""Subscriptions to sensors: matches any publisher, and queues 0.1 s of messages at 200 Hz."""
 TRANSFORMS = QoSProfile(depth=100)
-"""Of /tf, as tf2_ros publishes it."""
+"""Publishers of and subscriptions to /tf, as in tf2_ros."""
 STATIC_TRANSFORMS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""Of subscriptions to /tf_static: latched, for one or more messages of each publisher."""
+"""Subscriptions to /tf_static, which has several publishers."""
 
 PUBLISHER, SUBSCRIPTION = "publisher", "subscription"
 _WORDS = {"history": HistoryPolicy, "reliability": ReliabilityPolicy, "durability": DurabilityPolicy}
@@ -56,33 +56,35 @@ _POLICIES: dict[str, tuple[type, Spec]] = {
 """Policies that parameters may override, and the allowed values."""
 
 DELIVERY_TIMEOUT = 1.0
-"""[s] time to wait until reliable readers acknowledge a last message; a suspended reader must not block the node"""
+"""[s] Longest time to wait until reliable readers acknowledge a last message; a suspended reader never does."""
 REPEATS = 6
-"""number of times a last message is published if delivery is best effort, which readers do not acknowledge"""
+"""Number of times that a last message is published if a reader is best effort and so does not acknowledge it."""
 _RESEND_PERIOD = 0.1
-"""[s] time after which a message without acknowledgement is published again; the middleware repeats it after 3 s"""
+"""[s] Time after which an unacknowledged message is published again; the middleware waits 3 s."""
 _REPEAT_PERIOD = 0.05
+"""[s] Time between two messages to best-effort readers."""
 
 
 def sensor_qos(reliable: bool) -> QoSProfile:
-    """Return the profile of a sensor's subscription; ``reliable`` excludes best-effort publishers."""
+    """Return the profile of a subscription to a sensor; ``reliable`` excludes best-effort publishers."""
     return QUEUE if reliable else SENSOR
 
 
 def overridable(
     profile: QoSProfile | int, overrides: Mapping[str, Any], topic: str, entity: str
 ) -> tuple[QoSProfile, QoSOverridingOptions]:
-    """Return a profile that rclpy may change by parameters ``qos_overrides.TOPIC.ENTITY.POLICY``, and its options.
+    """Return a profile, and the rclpy option for the parameters ``qos_overrides.TOPIC.ENTITY.POLICY``.
+
+    The overrides are checked here, because the error of rclpy for a wrong word does not name the parameter.
 
     Args:
-        profile: the default, or its depth.
-        overrides: parameters given from outside, by name. They are checked here, since rclpy's own error for a wrong
-            word does not name the parameter.
-        topic: its full name, remapped.
+        profile: the default profile, or its depth.
+        overrides: the given parameters by name.
+        topic: full name of the topic after remapping.
         entity: PUBLISHER or SUBSCRIPTION.
 
     Raises:
-        InvalidValueError: naming parameter, value and what is allowed.
+        InvalidValueError: if the value of an override is not allowed.
     """
     for policy, (kind, spec) in _POLICIES.items():
         name = f"qos_overrides.{topic}.{entity}.{policy}"
@@ -93,14 +95,14 @@ def overridable(
 
 
 def deliver(node: Node, publisher: Any, publish: Callable[[], None]) -> bool:
-    """Call ``publish`` until each matched reader has a message; return True if all reliable readers have confirmed it.
+    """Publish a message repeatedly until all readers should have it; return True if all reliable readers confirmed it.
 
-    This takes DELIVERY_TIMEOUT at most, and needs no executor.
+    This function returns after at most DELIVERY_TIMEOUT. It does not need an executor.
 
     Args:
         node: node of the publisher.
-        publisher: what ``publish`` publishes with.
-        publish: publishes the message.
+        publisher: the publisher that ``publish`` uses.
+        publish: publishes the message once.
     """
     deadline = time.monotonic() + DELIVERY_TIMEOUT
     topic = publisher.topic_name

@@ -1,4 +1,4 @@
-"""Run nodes in one process until a signal or one of them ends it, and shut them down in bounded time."""
+"""Run nodes in one process until a signal arrives or a node ends, and shut them down in bounded time."""
 
 from __future__ import annotations
 
@@ -23,23 +23,23 @@ from rclpy.signals import SignalHandlerOptions
 from diffbot_core.errors import DiffbotError, InvalidValueError, known_name
 from diffbot_core.ros.node import DiffbotNode
 from diffbot_core.ros.parameters import is_qos_override
-from diffbot_core.yaml_files import GivenFiles
+from diffbot_core.yaml_files import ParameterFiles
 
 SPIN_TIMEOUT = 0.05
-"""[s] maximum time between two checks of the signal flag"""
+"""[s] Longest time between two checks of the signal flag."""
 READERS_TIMEOUT = 1.5
-"""[s] at the end, for reliable readers to receive what the nodes published"""
+"""[s] Longest time to wait at the end until reliable readers have received all messages."""
 END_TIMEOUT = 4
-"""[s] for the middleware to destroy all nodes; ros2 launch sends its next signal 5 s after the first one"""
+"""[s] Longest time to destroy all nodes; ros2 launch sends a second signal 5 s after the first one."""
 _CLOCK_MONOTONIC, _SIGEV_THREAD = 1, 2
-"""of <time.h> and <signal.h> of Linux"""
+"""Constants of <time.h> and <signal.h> on Linux."""
 
 
 def make_executor(context: rclpy.Context | None = None) -> Executor:
-    """Return the executor of all nodes: rclpy's EventsExecutor, or the SingleThreadedExecutor where it is missing.
+    """Return an EventsExecutor of rclpy, or a SingleThreadedExecutor if rclpy does not have it.
 
-    The EventsExecutor needs about a third of the CPU time. It must be driven by ``spin_once(timeout_sec=...)``: with
-    its ``spin()``, no callback runs in rclpy 7.1.6. ``DIFFBOT_EXECUTOR=single`` selects the SingleThreadedExecutor.
+    The EventsExecutor needs about a third of the CPU time. Call its ``spin_once(timeout_sec=...)``, because its
+    ``spin()`` runs no callback in rclpy 7.1.6. ``DIFFBOT_EXECUTOR=single`` selects the SingleThreadedExecutor.
     """
     if os.environ.get("DIFFBOT_EXECUTOR", "events") != "single":
         try:
@@ -52,13 +52,13 @@ def make_executor(context: rclpy.Context | None = None) -> Executor:
 
 
 class StopFlag:
-    """Set by SIGINT and SIGTERM; further signals have no effect, so that the shutdown is not interrupted.
+    """Flag that SIGINT and SIGTERM set; further signals do not interrupt the shutdown.
 
-    rclpy's own handlers would shut the context down at once, before a stop command is sent or a bag is closed.
+    The handlers of rclpy would shut the context down at once, before a stop command is sent or a bag is closed.
     """
 
     def __init__(self) -> None:
-        """Install the handlers of this process."""
+        """Install the signal handlers."""
         self.is_set = False
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._on_signal)
@@ -76,25 +76,24 @@ Factory: TypeAlias = "Callable[[], DiffbotNode[Any] | Iterator[DiffbotNode[Any]]
 
 
 def run(make_nodes: Factory, args: list[str] | None = None, *, shared_memory: bool = True) -> int:
-    """Run nodes on one executor until a signal, or until one of them ends; return the exit status of the process.
+    """Run nodes on one executor until a signal arrives or a node ends; return the exit status of the process.
 
     Args:
-        make_nodes: returns a node, or creates several nodes one after the other; none of them handles a message
-            before all exist. At the end the nodes that move the robot are shut down first, then the others in their
-            order.
-        args: as of rclpy.init.
-        shared_memory: False makes Fast DDS use UDP alone, unless the environment says otherwise. When a process dies,
-            Fast DDS checks its shared memory in each other process, which can block publishing there for a second.
+        make_nodes: returns a node, or yields several nodes. The executor starts after all nodes have been created. At
+            the end, the nodes that move the robot are shut down first, then the other nodes in their order.
+        args: arguments as for rclpy.init.
+        shared_memory: False makes Fast DDS use only UDP, unless an environment variable selects the transports. With
+            shared memory, the death of another process can block publishing for a second.
 
     Returns:
-        The largest status of :meth:`DiffbotNode.finish`; 0 after a signal; 1, with one line on stderr, if the nodes
-        cannot start.
+        The largest status of :meth:`DiffbotNode.finish`; 0 after a signal; 1 if the nodes cannot start, with one line
+        on stderr.
     """
     if not shared_memory:
         os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
     words = sys.argv[1:] if args is None else args
     try:
-        DiffbotNode.files = files = GivenFiles(words[words.index("--ros-args") :] if "--ros-args" in words else ())
+        DiffbotNode.files = files = ParameterFiles(words[words.index("--ros-args") :] if "--ros-args" in words else ())
         stop = StopFlag()
         _init(args)
     except DiffbotError as error:
@@ -103,7 +102,7 @@ def run(make_nodes: Factory, args: list[str] | None = None, *, shared_memory: bo
     nodes: list[DiffbotNode[Any]] = []
     failed = True
     try:
-        _make(make_nodes, nodes, files)
+        _create(make_nodes, nodes, files)
         files.check_all_used()
         _check_parameters_used(nodes, words, files)
         _spin(nodes, stop)
@@ -116,26 +115,22 @@ def run(make_nodes: Factory, args: list[str] | None = None, *, shared_memory: bo
     return _status(nodes, failed)
 
 
-def _make(make_nodes: Factory, nodes: list[DiffbotNode[Any]], files: GivenFiles) -> None:
-    """Append the nodes one by one: the nodes made before a failure are destroyed, too.
+def _create(make_nodes: Factory, nodes: list[DiffbotNode[Any]], files: ParameterFiles) -> None:
+    """Create the nodes and append each one to ``nodes``, so that they are destroyed if a later node fails.
 
     Raises:
-        DiffbotError: naming the node, and the file of a refused value.
+        DiffbotError: with the name of the node, and with the file of a value that is not allowed.
     """
     try:
         made = make_nodes()
         for node in [made] if isinstance(made, DiffbotNode) else made:
             nodes.append(node)
     except (DiffbotError, ParameterException, InvalidParameterTypeException) as error:
-        raise DiffbotError(files.located(error)) from error
+        raise DiffbotError(files.error_text(error)) from error
 
 
-def _check_parameters_used(nodes: list[DiffbotNode[Any]], words: list[str], files: GivenFiles) -> None:
-    """Refuse a given parameter that no node uses, which ROS ignores without a word.
-
-    Raises:
-        DiffbotError: naming the parameter and what to write instead.
-    """
+def _check_parameters_used(nodes: list[DiffbotNode[Any]], words: list[str], files: ParameterFiles) -> None:
+    """Raise DiffbotError if no node uses a given parameter; ROS would ignore the parameter silently."""
     names = {name for node in nodes for name in node.checked_parameters.names}
     for flag, word in itertools.pairwise(words):
         target, is_given, value = word.partition(":=")
@@ -156,44 +151,45 @@ def _check_parameters_used(nodes: list[DiffbotNode[Any]], words: list[str], file
         for name, value in node.checked_parameters.unknown.items():
             if not any(one.has_parameter(name) for one in nodes):
                 full_name = node.get_fully_qualified_name()
-                raise DiffbotError(files.located(InvalidValueError(name, value, known_name(name, names)), full_name))
+                raise DiffbotError(files.error_text(InvalidValueError(name, value, known_name(name, names)), full_name))
 
 
 def _init(args: list[str] | None) -> None:
     try:
-        # Invalid arguments are reported once, below.
+        # rcl would log invalid arguments in addition to the exception.
         set_logger_level("rcl", LoggingSeverity.FATAL)
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-    except Exception as error:  # rclpy raises many types here, all for invalid arguments
+    except Exception as error:  # rclpy raises many types here, all because of invalid arguments
         raise DiffbotError(f"invalid arguments: {' '.join(str(error).split())}") from error
     if get_logger_effective_level("rcl") == LoggingSeverity.FATAL:  # unless --log-level rcl:=... was given
         set_logger_level("rcl", LoggingSeverity.UNSET)
 
 
 def _status(nodes: list[DiffbotNode[Any]], failed: bool) -> int:
-    """Return the exit status; before_shutdown may still change it, as a recorder's does on a full disk."""
+    """Return the exit status, which before_shutdown() may change, for example if the disk is full."""
     return max(int(failed), *(node.exit_code or 0 for node in nodes), 0)
 
 
 def _shut_down(nodes: list[DiffbotNode[Any]], stop: StopFlag, failed: bool) -> None:
-    with ExitStack() as last_first:
-        # Python restores the default handlers when it exits; a second signal would then change the exit status.
-        last_first.callback(stop.ignore)
-        last_first.callback(_destroy, nodes, failed)
+    # An ExitStack runs its callbacks in reverse order, and runs all of them even if one raises an exception.
+    with ExitStack() as stack:
+        # Python restores the default handlers at its exit; then a second signal would change the exit status.
+        stack.callback(stop.ignore)
+        stack.callback(_destroy, nodes, failed)
         for node in sorted(reversed(nodes), key=lambda node: node.moves_the_robot):
-            last_first.callback(node.before_shutdown)
+            stack.callback(node.before_shutdown)
 
 
 def _destroy(nodes: list[DiffbotNode[Any]], failed: bool) -> None:
-    with forced_exit(END_TIMEOUT, _status(nodes, failed)), ExitStack() as last_first:
-        last_first.callback(rclpy.try_shutdown)
+    with forced_exit(END_TIMEOUT, _status(nodes, failed)), ExitStack() as stack:
+        stack.callback(rclpy.try_shutdown)
         for node in nodes:
-            last_first.callback(node.destroy_node)
-        last_first.callback(await_readers, nodes)
+            stack.callback(node.destroy_node)
+        stack.callback(await_readers, nodes)
 
 
 def _spin(nodes: list[DiffbotNode[Any]], stop: StopFlag) -> None:
-    """Spin until the signal flag is set or one of the nodes ends."""
+    """Spin until the signal flag is set or a node ends."""
     executor = _executor_of(nodes)
     for node in nodes:
         node.get_logger().info("ready")
@@ -202,11 +198,11 @@ def _spin(nodes: list[DiffbotNode[Any]], stop: StopFlag) -> None:
             executor.spin_once(timeout_sec=SPIN_TIMEOUT)
         except ExternalShutdownException:
             raise
-        except Exception as error:  # not of a callback: these are contained by their nodes
+        except Exception as error:  # raised by the executor itself; nodes contain the exceptions of callbacks
             for node in nodes:
                 node.contain(error, "the executor")
             executor.shutdown()
-            # After an exception an EventsExecutor calls nothing any more.
+            # After an exception, an EventsExecutor calls no more callbacks.
             executor = _executor_of(nodes)
 
 
@@ -218,9 +214,9 @@ def _executor_of(nodes: list[DiffbotNode[Any]]) -> Executor:
 
 
 def await_readers(nodes: Iterable[Node]) -> None:
-    """Wait until all reliable readers have received what the nodes published, READERS_TIMEOUT in total at most.
+    """Wait until all reliable readers have received all messages of the nodes, but at most READERS_TIMEOUT.
 
-    When a publisher is destroyed, its readers lose what they have not received yet.
+    Messages that a reader has not received are lost when the publisher is destroyed.
     """
     deadline = time.monotonic() + READERS_TIMEOUT
     for node in nodes:
@@ -229,7 +225,7 @@ def await_readers(nodes: Iterable[Node]) -> None:
 
 
 class _Expiry(ctypes.Structure):
-    """``struct sigevent``: ``function(value)`` is called in a thread of the C library."""
+    """``struct sigevent`` of a timer that calls ``function(value)`` in a thread of the C library."""
 
     _fields_ = (
         ("value", ctypes.c_void_p),
@@ -242,12 +238,11 @@ class _Expiry(ctypes.Structure):
 
 @contextmanager
 def forced_exit(timeout: int, status: int) -> Iterator[None]:
-    """End the process with ``status`` if the block takes longer than ``timeout`` [s], whatever it is doing then.
+    """End the process at once with ``status`` if the ``with`` block takes longer than ``timeout`` [s].
 
-    Nothing more is flushed, closed or called. The Fast DDS 2.14 of the wheels can deadlock for ever while it destroys
-    a participant (Fast-DDS #6513), mostly in nodes that end at the same moment, as with Ctrl-C. rclpy holds Python's
-    lock meanwhile, so neither a thread nor a signal handler of Python could end the process; a timer of the C library
-    can.
+    Fast DDS 2.14 can deadlock while it destroys a participant (Fast-DDS #6513), mostly if several nodes end at the same
+    time, as after Ctrl-C. rclpy holds the GIL meanwhile, so neither a thread nor a signal handler of Python could end
+    the process. A timer of the C library can.
     """
     sys.stdout.flush()
     libc = ctypes.CDLL(None, use_errno=True)

@@ -1,8 +1,8 @@
-"""Watches over /clock and over topics with a limited number of publishers: faults that no single message reveals.
+"""Watches of /clock and of topics with a limited number of publishers, which detect faults of the graph.
 
-With two publishers of /clock, ROS time jumps to and fro, and every difference of two readings may be wrong. With two
-controllers on one cmd_vel the robot obeys each in turn, and with two sources of the pose it follows two estimates.
-Every message is valid; only the number of publishers reveals the cause.
+With two publishers of /clock, ROS time jumps back and forth. With two controllers on one cmd_vel, the robot follows
+them in turn; with two sources of the pose, the controller follows two estimates. Each single message is valid, so only
+the number of publishers shows the cause.
 """
 
 from __future__ import annotations
@@ -24,45 +24,54 @@ from diffbot_core.stamps import NS_PER_S
 
 CLOCK_TOPIC = "/clock"
 GRACE = 2.0
-"""[s] time for which a clock may be missing, since it is not discovered at once"""
+"""[s] A missing clock is reported after this time, because discovery takes a moment."""
 LEASE = 20.0
-"""[s] time for which DDS (Fast DDS by default) still counts the publishers of a process that was killed"""
+"""[s] Fast DDS still counts the publishers of a killed process for this time."""
 _JUMPS, _WINDOW = 3, 2.0
-"""Number of jumps back within a time [s] that means two clocks; a single jump is a simulation that was restarted."""
+"""This number of jumps back within this time [s] means two clocks; a single jump is a restarted simulation."""
 _FORWARD = Duration(seconds=0.5)
-"""A jump forward after which :meth:`ClockWatch.now` counts the publishers before it answers."""
+"""After a larger jump forward, the publishers of /clock are counted again."""
 _SETTLE = 1.0
-"""[s] time after a jump back for which the clock is unreliable"""
+"""[s] Time for which the clock is unreliable after a jump back."""
 _LOG_PERIOD = 1.0
-"""[s] shortest time between two log entries"""
+"""[s] Shortest time between two log entries."""
 _OK, _WARN, _ERROR = (int(one[0]) for one in (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR))
 
 
 def publisher_names(node: Node, topic: str) -> list[str]:
-    """Return the full names of the nodes that publish a topic, sorted, one for each publisher; no remapping is done."""
+    """Return the full names of the nodes that publish a topic, sorted, one for each publisher."""
     return sorted(one.node for one in publishers_of(node, topic))
 
 
 def publishers_of(node: Node, topic: str) -> list[Endpoint]:
-    """Return the publishers of a topic, given by its full name; no remapping is done."""
+    """Return the publishers of a topic, given by its full name."""
     return _endpoints(node, topic, rclpy_implementation.rclpy_get_publishers_info_by_topic)
 
 
 def subscriptions_of(node: Node, topic: str) -> list[Endpoint]:
-    """Return the subscriptions to a topic, given by its full name; no remapping is done."""
+    """Return the subscriptions to a topic, given by its full name."""
     return _endpoints(node, topic, rclpy_implementation.rclpy_get_subscriptions_info_by_topic)
 
 
 def _endpoints(node: Node, topic: str, find: Any) -> list[Endpoint]:
-    # The methods of Node remap the topic: a remapped node would not find what others do on the original topic.
+    # The methods of Node remap the topic, so a remapped node could not look at the original topic.
     with node.handle:
-        return [_endpoint(TopicEndpointInfo(**one)) for one in find(node.handle, topic, False)]
+        infos = [TopicEndpointInfo(**one) for one in find(node.handle, topic, False)]
+    return [
+        Endpoint(
+            full_name(info),
+            info.topic_type,
+            info.qos_profile.reliability == ReliabilityPolicy.RELIABLE,
+            info.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL,
+        )
+        for info in infos
+    ]
 
 
 def published_elsewhere(node: Node, topic: str, kind: str) -> list[str]:
-    """Return other topics of a type that are published, but not by ``node``, and that it does not subscribe to.
+    """Return other topics of the type ``kind`` that other nodes publish and to which ``node`` does not subscribe.
 
-    Poses that RViz sends on initialpose are not the input of another topic.
+    The topic initialpose, on which RViz publishes, is left out.
     """
     own = {one.topic_name for one in node.subscriptions} | {node.resolve_topic_name("initialpose")}
     name = node.get_fully_qualified_name()
@@ -71,17 +80,11 @@ def published_elsewhere(node: Node, topic: str, kind: str) -> list[str]:
 
 
 def bases_elsewhere(node: Node, topic: str) -> list[str]:
-    """Return other topics of commands, to which a base may subscribe."""
+    """Return other topics of commands to which a base subscribes."""
     names = [
         name for name, types in node.get_topic_names_and_types() if name != topic and TYPE_WORDS.keys() & set(types)
     ]
     return [name for name in names if bases(subscriptions_of(node, name))]
-
-
-def _endpoint(info: Any) -> Endpoint:
-    qos = info.qos_profile
-    is_reliable = qos.reliability == ReliabilityPolicy.RELIABLE
-    return Endpoint(full_name(info), info.topic_type, is_reliable, qos.durability == DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 def full_name(endpoint: Any) -> str:
@@ -94,13 +97,13 @@ def full_name(endpoint: Any) -> str:
 
 
 def too_many(topic: str, names: list[str], limit: int, role: str) -> str:
-    """Return a text if a topic has more than ``limit`` publishers, otherwise an empty text.
+    """Return a text if a topic has more than ``limit`` publishers; otherwise an empty text.
 
     Args:
-        topic: its full name.
-        names: full names of the nodes that publish it, one for each publisher.
-        limit: number of publishers allowed.
-        role: what only these publishers may do, as in "only one may own time".
+        topic: full name of the topic.
+        names: full name of the node of each publisher.
+        limit: largest number of publishers.
+        role: what a publisher of the topic does, to complete "only one may ...".
     """
     if len(names) <= limit:
         return ""
@@ -109,25 +112,25 @@ def too_many(topic: str, names: list[str], limit: int, role: str) -> str:
 
 
 class ClockWatch:
-    """Detects faults of the clock of one node, and provides a time that runs on while two clocks contradict each other.
+    """Detects faults of a node's clock, and provides a steady time while two clocks contradict each other.
 
-    Two clocks are detected by the number of publishers, and by the jumps, since a bridge may forward two clocks as one
-    publisher.
+    Two clocks are detected by the number of publishers and by jumps back, because a bridge may forward two clocks as
+    one publisher.
     """
 
     def __init__(self, node: Node) -> None:
         """Watch the clock of ``node``; ``use_sim_time`` may change later."""
         self._node = node
         self.problem = ""
-        """what is wrong with /clock, in words; empty if nothing is"""
+        """description of the fault of /clock; empty if there is none"""
         self.contradictory = False
-        """True if two clocks are the problem"""
+        """True if there are two clocks"""
         self._logged, self._log_time = "", -_LOG_PERIOD
         self._clock_found = time.monotonic()
         self._jumps_back: deque[float] = deque(maxlen=_JUMPS)
         self._jumped = False
-        self._standing: int | None = None
-        self._stood_since = 0.0
+        self._last_ros_time: int | None = None
+        self._standstill_start = 0.0
         self._last: tuple[int, int] | None = None
         self._offset = 0
         threshold = JumpThreshold(min_forward=_FORWARD, min_backward=Duration(nanoseconds=-1), on_clock_change=False)
@@ -140,7 +143,7 @@ class ClockWatch:
 
     @property
     def is_simulated(self) -> bool:
-        """True if the node follows /clock."""
+        """True if the node uses /clock."""
         return bool(self._node.get_clock().ros_time_is_active)
 
     @property
@@ -150,16 +153,16 @@ class ClockWatch:
         return self.contradictory or self._has_jumped_back()
 
     def standstill(self) -> float:
-        """Return the steady time [s] for which calls of this method have found the same simulated time."""
+        """Return the steady time [s] since the first call of this method with the present simulated time."""
         if not self.is_simulated:
             return 0.0
         ros, now = self._ros_time(), time.monotonic()
-        if ros != self._standing:
-            self._standing, self._stood_since = ros, now
-        return now - self._stood_since
+        if ros != self._last_ros_time:
+            self._last_ros_time, self._standstill_start = ros, now
+        return now - self._standstill_start
 
     def now(self) -> float:
-        """Return the node's time [s], which follows the steady clock while two clocks contradict each other."""
+        """Return the time [s] of the node, which is steady while two clocks contradict each other."""
         self._check_after_jump()
         steady = time.monotonic_ns()
         if self.contradictory:
@@ -169,7 +172,7 @@ class ClockWatch:
         return float(ros / NS_PER_S)
 
     def check(self) -> None:
-        """Count the publishers of /clock and log a change of the problem; called once a second and after jumps."""
+        """Check the clock and log a change of the problem; called once a second and after jumps."""
         was_contradictory = self.contradictory
         self.problem, self.contradictory = self._find_problem()
         if self.contradictory and not was_contradictory:
@@ -179,7 +182,7 @@ class ClockWatch:
         if self.problem != self._logged and now - self._log_time >= _LOG_PERIOD:
             logger = self._node.get_logger()
             if not self.problem:
-                logger.info("one publisher of /clock")
+                logger.info("the problem with /clock has ended")
             elif self.contradictory:
                 logger.error(self.problem)
             else:
@@ -193,10 +196,11 @@ class ClockWatch:
             self._clock_found = now
         if not simulated and all(publisher.topic_name != CLOCK_TOPIC for publisher in self._node.publishers):
             return "", False
-        if text := too_many(CLOCK_TOPIC, publishers, 1, "own time"):
+        if text := too_many(CLOCK_TOPIC, publishers, 1, "set the time"):
             return text, True
         if len(self._jumps_back) == _JUMPS and now - self._jumps_back[0] <= _WINDOW:
-            return f"time on /clock jumps to and fro, as with two clocks; its publisher: {', '.join(publishers)}", True
+            names = ", ".join(publishers)
+            return f"time on /clock jumps to and fro, as with two clocks; publisher: {names}", True
         if self._has_jumped_back():
             return "time on /clock jumped back", False
         if now - self._clock_found >= GRACE:
@@ -204,7 +208,7 @@ class ClockWatch:
         return "", False
 
     def _ros_time(self) -> int:
-        # Clock.now() takes several times as long, and each command needs the time.
+        # Clock.now() is several times slower, and each command needs the time.
         return int(self._node.get_clock().handle.get_now().nanoseconds)
 
     def _has_jumped_back(self) -> bool:
@@ -216,51 +220,51 @@ class ClockWatch:
             self.check()
 
     def _on_jump(self, jump: Any) -> None:
-        # rcl calls this while it updates the clock, so only set a flag.
+        # rcl is updating the clock, so only set a flag.
         self._jumped = True
         if jump.delta.nanoseconds < 0:
             self._jumps_back.append(time.monotonic())
 
 
 class PublisherWatch:
-    """Detects topics that have more publishers than allowed. Publishers count whether they send or not."""
+    """Detects topics with more publishers than allowed, whether the publishers send messages or not."""
 
     def __init__(self, node: Node) -> None:
-        """Watch nothing yet; the topics are those that ``node`` resolves."""
+        """Watch no topic."""
         self._node = node
         self.problem = ""
-        """topics with too many publishers, in words; empty if there are none"""
-        self._owned: dict[str, tuple[str, int]] = {}
+        """description of the topics with too many publishers; empty if there are none"""
+        self._watched: dict[str, tuple[str, int]] = {}
         """role and limit by full topic name"""
         self._reported: dict[str, str] = {}
         self._since: dict[str, float] = {}
         self.level = _OK
-        """level of the problem in /diagnostics: WARN while the surplus publishers may be those of a killed process"""
+        """level of the problem in /diagnostics: WARN while the surplus publishers may belong to a killed process"""
 
     def watch(self, topic: str, role: str, limit: int = 1) -> None:
-        """Watch one more topic, or the same one with another limit.
+        """Watch a topic, or change its limit.
 
         Args:
-            topic: as the node names it; remapped as its publishers and subscriptions are.
-            role: what only the allowed publishers may do, see :func:`too_many`.
-            limit: how many publishers are allowed, the node's own included.
+            topic: name of the topic in the code of the node, before remapping.
+            role: what a publisher of the topic does, see :func:`too_many`.
+            limit: largest number of publishers, including the publisher of the node.
         """
-        self._owned[self._node.resolve_topic_name(topic)] = role, limit
+        self._watched[self._node.resolve_topic_name(topic)] = role, limit
 
     def check(self, active: bool = True) -> None:
         """Count publishers and log each change; called once a second.
 
         Args:
-            active: False for a node that leaves its topics to others, and so has no problem with them.
+            active: False for a node that does not use its topics at present, so that any publishers are allowed.
         """
         found, level, now = {}, _OK, time.monotonic()
-        for topic, (role, limit) in self._owned.items() if active else ():
+        for topic, (role, limit) in self._watched.items() if active else ():
             names = publisher_names(self._node, topic)
             if not (text := too_many(topic, names, limit, role)):
                 continue
             since = self._since.setdefault(topic, now)
             may_be_killed = len(set(names)) <= limit and now - since <= 1.5 * LEASE
-            found[topic] = text + f" (one that was killed still counts for {LEASE:g} s)" * may_be_killed
+            found[topic] = text + f" (the publisher of a killed node still counts for {LEASE:g} s)" * may_be_killed
             level = max(level, _WARN if may_be_killed else _ERROR)
         self._log(found)
         self._since = {topic: since for topic, since in self._since.items() if topic in found}

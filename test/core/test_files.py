@@ -1,4 +1,4 @@
-"""Files appear whole or not at all, and nothing else is overwritten."""
+"""Files are replaced atomically, and bags and files of others are never overwritten."""
 
 import json
 import math
@@ -26,7 +26,7 @@ def names(folder):
     return sorted(path.name for path in folder.iterdir())
 
 
-def test_a_reader_sees_the_old_file_until_the_new_one_is_whole(tmp_path):
+def test_a_reader_sees_the_old_file_until_the_new_file_is_complete(tmp_path):
     path = tmp_path / "result.csv"
     path.write_text("old")
     with replacing(path) as part:
@@ -38,22 +38,21 @@ def test_a_reader_sees_the_old_file_until_the_new_one_is_whole(tmp_path):
 
 
 @pytest.mark.parametrize("error", [OSError("disk full"), KeyboardInterrupt()])
-def test_what_fails_on_the_way_leaves_the_old_file_and_nothing_else(tmp_path, error):
+def test_a_failed_replacement_keeps_the_old_file_and_leaves_no_other_file(tmp_path, error):
     path = tmp_path / "result.csv"
     path.write_text("old")
 
-    def write():
-        with replacing(path) as part:
-            part.write_text("half")
-            raise error
+    def fail(part):
+        part.write_text("half")
+        raise error
 
-    with pytest.raises(type(error)):
-        write()
+    with pytest.raises(type(error)), replacing(path) as part:
+        fail(part)
     assert path.read_text() == "old"
     assert names(tmp_path) == ["result.csv"]
 
 
-def test_durable_contents_are_on_the_disk_before_the_name_changes(tmp_path, monkeypatch):
+def test_a_durable_file_is_synchronised_before_it_is_renamed(tmp_path, monkeypatch):
     calls = []
     synchronise, rename = os.fsync, Path.replace
 
@@ -74,20 +73,18 @@ def test_durable_contents_are_on_the_disk_before_the_name_changes(tmp_path, monk
     assert calls == [("replace", 5)]
 
 
-def test_json_names_what_is_not_finite(tmp_path):
+def test_json_contains_inf_and_nan_as_texts(tmp_path):
     write_json(tmp_path / "a.json", {"limit": math.inf, "rows": [(-math.inf, 1.5), math.nan], "count": 3})
-    text = (tmp_path / "a.json").read_text()
-    assert json.loads(text) == {"limit": "inf", "rows": [["-inf", 1.5], "nan"], "count": 3}
-    assert text.startswith('{\n "limit"')
-    assert text.endswith("}\n")
+    content = json.loads((tmp_path / "a.json").read_text())
+    assert content == {"limit": "inf", "rows": [["-inf", 1.5], "nan"], "count": 3}
 
 
-def test_a_full_disk_during_the_work_is_reported_as_the_folders_failure(tmp_path):
+def test_a_full_disk_is_reported_with_the_output_folder(tmp_path):
     with pytest.raises(DiffbotError, match=r": No space left on device$"), output_folder(tmp_path / "a" / "b"):
         raise OSError(28, os.strerror(28))
 
 
-def test_the_path_of_a_file_in_a_parameter(tmp_path, monkeypatch):
+def test_a_parameter_with_a_path_must_name_a_regular_or_new_file(tmp_path, monkeypatch):
     monkeypatch.setenv("HOME", str(tmp_path))
     assert file_path("state_file", "") is None
     assert file_path("state_file", "~/state.json") == tmp_path / "state.json"
@@ -100,8 +97,7 @@ def test_the_path_of_a_file_in_a_parameter(tmp_path, monkeypatch):
             file_path("state_file", text)
 
 
-def test_nothing_in_a_bag_is_replaced_whoever_asks(tmp_path):
-    """One bag is finished; the recorder of the other was killed."""
+def test_no_file_in_a_finished_or_unfinished_bag_is_replaced(tmp_path):
     bags = tmp_path / "finished", tmp_path / "unfinished"
     for folder in bags:
         folder.mkdir()
@@ -124,7 +120,7 @@ def test_nothing_in_a_bag_is_replaced_whoever_asks(tmp_path):
             pass
 
 
-def test_a_command_replaces_reports_alone(tmp_path):
+def test_a_command_replaces_only_reports_of_diffbot(tmp_path):
     (tmp_path / "metadata.yaml").write_text("of something else")
     for name, content in (("r.xml", "<?xml?>"), ("r.html", "<!doctype html>"), ("r.json", "{}"), ("empty", "")):
         (tmp_path / name).write_text(content)
@@ -144,7 +140,7 @@ def test_a_command_replaces_reports_alone(tmp_path):
             check_output(path, inputs)
 
 
-def test_a_text_is_read_from_a_regular_file_of_bounded_length(tmp_path):
+def test_a_text_is_read_only_from_a_regular_utf8_file_of_limited_size(tmp_path):
     path = tmp_path / "a.txt"
     path.write_text("höhe")
     assert read_text(path, 5) == "höhe"
@@ -162,7 +158,7 @@ def test_a_text_is_read_from_a_regular_file_of_bounded_length(tmp_path):
             read_text(tmp_path / name, 4)
 
 
-def test_folders_of_the_user_and_what_happens_without_them(tmp_path, monkeypatch):
+def test_the_folders_of_the_user_follow_xdg_and_the_runtime_folder_has_a_fallback(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     runtime_folder.cache_clear()
@@ -172,7 +168,7 @@ def test_folders_of_the_user_and_what_happens_without_them(tmp_path, monkeypatch
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "file"))
     runtime_folder.cache_clear()
-    with pytest.raises(DiffbotError, match="cannot make the folder"):
+    with pytest.raises(DiffbotError, match="cannot create the folder"):
         cache_folder()
     assert runtime_folder().is_dir()
     runtime_folder.cache_clear()

@@ -1,4 +1,4 @@
-"""Angles and planar frames, against exact fractions, homogeneous matrices and scipy's rotations."""
+"""Angles, poses and frames against exact fractions, homogeneous matrices and scipy's rotations."""
 
 import math
 from fractions import Fraction
@@ -43,8 +43,7 @@ def assert_same_pose(pose, homogeneous, tolerance):
 @example(math.nextafter(math.pi, 4.0))
 @example(math.nextafter(-math.pi, -4.0))
 @given(ANY_ANGLE)
-def test_wrapping_takes_away_whole_turns_and_nothing_else(angle):
-    # Exact arithmetic: the difference is a whole multiple of the double nearest to 2 pi.
+def test_wrapping_subtracts_whole_turns_exactly(angle):
     wrapped = wrap_angle(angle)
     assert -math.pi < wrapped <= math.pi
     turns = (Fraction(angle) - Fraction(wrapped)) / Fraction(TWO_PI)
@@ -53,7 +52,7 @@ def test_wrapping_takes_away_whole_turns_and_nothing_else(angle):
 
 @CHECK
 @given(POSES, POSES)
-def test_changes_of_frame_are_products_of_matrices_and_their_inverses(one, other):
+def test_changes_of_frame_are_products_of_homogeneous_matrices(one, other):
     first, second = matrix(one), matrix(other)
     assert_same_pose(origin_of_frame(one, other), second @ np.linalg.inv(first), 1e-7)
     assert_same_pose(into_frame(one, other), np.linalg.inv(second) @ first, 1e-8)
@@ -67,8 +66,7 @@ def test_changes_of_frame_are_products_of_matrices_and_their_inverses(one, other
     st.floats(-3.0, 3.0),
     st.sampled_from((1.0, -1.0, 1e-3, 1e3, -1e50, 1e-50)),
 )
-def test_yaw_of_any_quaternion(yaw, pitch, roll, length):
-    # A quaternion and its negative are the same rotation; its length tells nothing.
+def test_the_yaw_of_a_quaternion_of_any_length_is_that_of_scipy(yaw, pitch, roll, length):
     rotation = Rotation.from_euler("ZYX", [yaw, pitch, roll])
     found = yaw_of_quaternion(*(length * rotation.as_quat()))
     expected = rotation.as_euler("ZYX")[0]
@@ -77,7 +75,7 @@ def test_yaw_of_any_quaternion(yaw, pitch, roll, length):
 
 @CHECK
 @given(st.floats(-1e9, 1e9))
-def test_quaternion_of_yaw(yaw):
+def test_the_quaternion_of_a_yaw_rotates_about_z(yaw):
     z, w = quaternion_of_yaw(yaw)
     assert math.hypot(z, w) == pytest.approx(1.0, abs=1e-12)
     turned = Rotation.from_quat([0.0, 0.0, z, w]).apply([1.0, 0.0, 0.0])

@@ -1,7 +1,6 @@
-"""What is installed: names and plug-ins, and hashes that change with all code and all values that made a result."""
+"""Entry points of plug-ins, and hashes that change with all code and all values that produce a result."""
 
 import math
-import subprocess
 import sys
 from importlib.metadata import version
 from typing import NamedTuple
@@ -13,38 +12,26 @@ from diffbot_core.errors import DiffbotError
 from diffbot_core.installed import DISTRIBUTION, entry_points_by_name, hash_of_code, hash_of_values, install_hint
 
 
-def test_the_hint_installs_the_project_itself():
+def test_the_pip_command_names_the_installed_distribution():
     assert version(DISTRIBUTION)
     assert install_hint("pandas") == "pip install 'diffbot-ros[pandas]'"
 
 
-@pytest.fixture
-def earlier(tmp_path):
-    """What an installation under the earlier name leaves behind."""
+def test_the_first_of_two_entry_points_with_the_same_name_is_used(tmp_path, monkeypatch):
     folder = tmp_path / "diffbot-0.0.9.dist-info"
     folder.mkdir()
     (folder / "METADATA").write_text("Metadata-Version: 2.1\nName: diffbot\nVersion: 0.0.9\n")
     (folder / "entry_points.txt").write_text("[diffbot.commands]\ncampaign = earlier:add\nearlier = earlier:add\n")
-    return tmp_path
-
-
-def test_of_two_entry_points_with_one_name_the_first_on_the_path_counts(earlier, monkeypatch):
     own = entry_points_by_name("diffbot.commands")
     assert list(own) == sorted(own)
     assert own["campaign"].value.startswith("diffbot_lab.")
-    monkeypatch.syspath_prepend(str(earlier))
-    found = entry_points_by_name("diffbot.commands")
-    assert set(found) == {*own, "earlier"}
-    assert found["campaign"].value == "earlier:add"
-    monkeypatch.undo()
-    monkeypatch.setattr(sys, "path", [*sys.path, str(earlier)])
+    with monkeypatch.context() as patch:
+        patch.syspath_prepend(str(tmp_path))
+        found = entry_points_by_name("diffbot.commands")
+        assert set(found) == {*own, "earlier"}
+        assert found["campaign"].value == "earlier:add"
+    monkeypatch.setattr(sys, "path", [*sys.path, str(tmp_path)])
     assert entry_points_by_name("diffbot.commands")["campaign"] == own["campaign"]
-
-
-def test_the_command_works_beside_an_earlier_installation(earlier):
-    program = f"import sys; sys.path.append({str(earlier)!r}); from diffbot_tools.cli import main; main(['--version'])"
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert done.stdout == f"diffbot {version(DISTRIBUTION)}\n"
 
 
 def test_every_change_of_code_python_or_a_library_changes_the_hash(tmp_path, monkeypatch):
@@ -63,7 +50,7 @@ def test_every_change_of_code_python_or_a_library_changes_the_hash(tmp_path, mon
     hashes.append(found())
     (package / "part" / "new.py").rename(package / "new.py")
     hashes.append(found())
-    # From the end of one file to the beginning of the next: all files together read the same as before.
+    # A line break moves from the end of one file to the start of the next: all files together are the same as before.
     (package / "a.py").write_text("x = 1")
     (package / "b.py").write_text("\ny = 2\n")
     hashes.append(found())
@@ -73,7 +60,7 @@ def test_every_change_of_code_python_or_a_library_changes_the_hash(tmp_path, mon
     assert len(set(hashes)) == 6
 
 
-def test_code_without_source_has_no_hash(tmp_path, monkeypatch):
+def test_missing_code_and_missing_libraries_are_errors(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(tmp_path))
     (tmp_path / "empty_package").mkdir()
     for package in ("no_such_package", "empty_package"):
@@ -93,20 +80,16 @@ class Weights(NamedTuple):
     h: float
 
 
-def test_each_value_its_field_and_its_last_bit_count():
+def test_the_hash_depends_on_type_field_and_last_bit_of_each_value():
     values = [
         Gains(1.0, 2.0),
         Gains(2.0, 1.0),
         Gains(1.0, math.nextafter(2.0, 3.0)),
         Weights(1.0, 2.0),
-        [1.0, 2.0],
         {"k": 1.0, "h": 2.0},
         np.array([[1.0, 2.0]]),
         np.array([1.0, math.inf]),
-        [1.0, None],
-        [1.0, True],
-        [1.0, 1],
-        [1.0, "1"],
+        *([1.0, other] for other in (2.0, None, True, 1, "1")),
         (Gains(1.0, 2.0), Gains(1.0, 2.0)),
     ]
     assert len({hash_of_values([value]) for value in values}) == len(values)

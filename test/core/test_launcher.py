@@ -1,4 +1,4 @@
-"""The launcher says in one line that ROS is missing, and hides no other missing module."""
+"""The launcher reports in one line that ROS is missing, and does not hide other missing modules."""
 
 import pytest
 
@@ -7,7 +7,7 @@ from diffbot_core.launcher import launch
 
 @pytest.fixture
 def program(tmp_path, monkeypatch, kept_signal_handlers):
-    """Return a function that writes a module with this import in its main; it gives the module's name."""
+    """Return a function that writes a module whose main imports another module."""
     monkeypatch.syspath_prepend(str(tmp_path))
 
     def write(name, missing):
@@ -18,13 +18,13 @@ def program(tmp_path, monkeypatch, kept_signal_handlers):
 
 
 @pytest.mark.parametrize("missing", ["absent_msgs.msg", "absent_interfaces", "absent_srvs.srv"])
-def test_without_ros_a_program_ends_with_one_line(program, missing, monkeypatch, capsys):
+def test_without_ros_a_program_prints_one_line_and_ends(program, missing, monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", ["/somewhere/bin/some_node"])
     assert launch(program(f"needs_{missing.partition('.')[0]}", missing)) == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(f"some_node: needs ROS 2 (no module {missing.partition('.')[0]})")
 
 
-def test_other_missing_modules_are_an_error_with_a_traceback(program):
+def test_another_missing_module_raises_its_error(program):
     with pytest.raises(ModuleNotFoundError, match="absent_library"):
         launch(program("needs_library", "absent_library"))

@@ -1,4 +1,4 @@
-"""Configuration types: every parameter is described, and every bad value is refused by name."""
+"""Configuration types: every parameter has a description and bounds, and a value that is not allowed is refused."""
 
 import importlib
 import inspect
@@ -21,7 +21,7 @@ class Inner(NamedTuple):
 
 
 class Choice(NamedTuple):
-    colour: Annotated[int, Spec("a word held as its index", choices=("red", "green", "blue"))] = 2
+    colour: Annotated[int, Spec("index of a word", choices=("red", "green", "blue"))] = 2
 
 
 class Nested(NamedTuple):
@@ -43,7 +43,7 @@ def is_config(thing):
 
 
 def all_configs():
-    """Return the configuration types of the modules that write ``Spec(``; to load all would take seconds."""
+    """Return the configuration types of the modules that contain ``Spec(``; importing all modules takes seconds."""
     site, found = Path(diffbot_core.__file__).parents[1], {}
     for path in sorted(site.glob("diffbot_*/**/*.py")):
         if "Spec(" in path.read_text():
@@ -57,7 +57,7 @@ CONFIGS = all_configs()
 ALL = [(name, parameter) for name, one in sorted(CONFIGS.items()) for parameter in parameters_of(one)]
 
 
-def test_every_parameter_is_described_bounded_and_allowed_by_default():
+def test_every_parameter_has_a_text_a_unit_finite_bounds_and_an_allowed_default():
     assert len(CONFIGS) > 30
     for place, parameter in ALL:
         name, spec, kind = f"{place}: {parameter.name}", parameter.spec, parameter.type
@@ -68,13 +68,13 @@ def test_every_parameter_is_described_bounded_and_allowed_by_default():
         item = (get_args(kind) or (kind,))[0]
         assert item in (float, int, bool, str), name
         if item in (float, int):
-            # Between such bounds formulas stay finite; one that must not be 0 has a reciprocal that can be squared.
+            # Squares and reciprocals of such values, and their products, are finite.
             assert -1e10 <= spec.minimum < spec.maximum <= (1e10 if item is float else 2**63), name
             assert spec.minimum <= 0.0 or spec.minimum >= 1e-12, name
 
 
 def refusals(parameter):
-    """Values that a parameter of this type and these bounds must not take."""
+    """Return values that are not allowed for a parameter."""
     spec, kind = parameter.spec, parameter.type
     if kind in (float, int):
         step = 1 if kind is int else 1e-9
@@ -87,7 +87,7 @@ def refusals(parameter):
     return ["a", b"a", 5, None, [object()]]
 
 
-def test_every_parameter_takes_its_bounds_and_words_and_refuses_what_is_beyond_or_of_another_type():
+def test_every_parameter_allows_its_bounds_and_words_and_refuses_other_values_and_types():
     for place, parameter in ALL:
         for value in refusals(parameter):
             with pytest.raises(InvalidValueError) as caught:
@@ -99,14 +99,11 @@ def test_every_parameter_takes_its_bounds_and_words_and_refuses_what_is_beyond_o
             assert checked(parameter, value) == value, (place, parameter.name)
 
 
-@pytest.mark.parametrize("name", sorted(CONFIGS))
-def test_defaults_are_built_from_nothing_and_come_back(name):
-    config_type, names = CONFIGS[name], [parameter.name for parameter in parameters_of(CONFIGS[name])]
-    default = build(config_type, {})
-    assert default == config_type()
-    values = to_dict(default)
-    assert list(values) == names
-    assert build(config_type, values) == default
+def test_build_and_to_dict_are_inverse_for_the_defaults_of_every_configuration():
+    for name, config_type in CONFIGS.items():
+        values = to_dict(config_type())
+        assert list(values) == [parameter.name for parameter in parameters_of(config_type)], name
+        assert build(config_type, values) == build(config_type, {}) == config_type(), name
 
 
 @pytest.mark.parametrize(
@@ -118,7 +115,7 @@ def test_defaults_are_built_from_nothing_and_come_back(name):
         (SwitchingConfig, {"allow_backward": 1}, "allow_backward = 1: must be true or false"),
         (PaperConfig, {"eps_P": 0.8}, "eps_P_leave = 0.6: must be >= eps_P = 0.8"),
         (PaperGains, {"gama": 1.0}, "gama = 1.0: must be a known name (gamma, h, k, k_2)"),
-        # The field's own name is not known where a parameter name stands beside it.
+        # The field a_max has another name as a parameter.
         (DataSheet, {"a_max": 1.0}, "a_max = 1.0: must be a known name ("),
         (DataSheet, {"linear.x.max_velocity": 0.1, "min_velocity": 0.2}, "min_velocity = 0.2: must be "),
         (DataSheet, {"min_rotation": 2.7}, "min_rotation = 2.7: must be "),
@@ -127,14 +124,14 @@ def test_defaults_are_built_from_nothing_and_come_back(name):
         (Checking, {"value": 2.0}, "Checking: too large"),
     ],
 )
-def test_messages_name_parameter_value_and_bound(config, values, message):
+def test_an_error_names_parameter_value_and_bound_in_one_line(config, values, message):
     with pytest.raises(DiffbotError) as caught:
         build(config, values)
     assert str(caught.value).startswith(message)
     assert "\n" not in str(caught.value)
 
 
-def test_a_base_keeps_what_is_not_named():
+def test_other_values_come_from_the_base_and_integers_become_floats():
     base = build(PaperConfig, {"gamma": 1.0, "eps_P": 0.3, "allow_backward": False})
     found = build(PaperConfig, {"k": 2, "eps_P_leave": 0.35}, base)
     assert repr(build(Inner, {"words": ["a"], "numbers": [1, 2.5]}).numbers) == "(1.0, 2.5)"
@@ -143,7 +140,7 @@ def test_a_base_keeps_what_is_not_named():
     assert (found.eps_P, found.eps_P_leave, found.allow_backward) == (0.3, 0.35, False)
 
 
-def test_a_coded_choice_is_a_word_outside_and_its_index_inside():
+def test_a_coded_choice_is_a_word_as_a_parameter_and_an_index_in_the_configuration():
     config = build(Nested, {"colour": "green"})
     assert config.choice.colour == 1
     assert type(config.choice.colour) is int
@@ -155,7 +152,7 @@ def test_a_coded_choice_is_a_word_outside_and_its_index_inside():
             build(Nested, {"colour": value})
 
 
-def test_numbers_that_yaml_reads_as_texts_are_floats_and_other_texts_are_none():
+def test_only_numbers_that_yaml_reads_as_texts_are_converted_to_floats():
     parameter = Parameter("limit", (), float, 1.0, Spec("a limit", allow_inf=True))
     for text, value in (("1e-06", 1e-6), ("2.5E+3", 2500.0), ("inf", math.inf), (".INF", math.inf)):
         assert checked(parameter, text) == value
@@ -164,7 +161,7 @@ def test_numbers_that_yaml_reads_as_texts_are_floats_and_other_texts_are_none():
             checked(parameter, text)
 
 
-def test_a_field_that_a_configuration_does_not_have_is_answered_with_those_like_it():
+def test_an_unknown_field_of_a_configuration_is_refused_with_similar_names():
     for given in (DataSheet, DataSheet()._replace):
         with pytest.raises(InvalidValueError, match=r"^omega_mx = 1: .*did you mean omega_max"):
             given(omega_mx=1)

@@ -1,4 +1,4 @@
-"""Each example runs from an empty folder, and its printed figures are compared with something independent."""
+"""Each example runs from an empty folder, and its printed numbers are compared with independent values."""
 
 import re
 import runpy
@@ -23,7 +23,7 @@ V_MAX = 1.3
 
 @pytest.fixture
 def run(tmp_path, monkeypatch, capsys):
-    """Return a function that runs a script in an empty folder, in this process, and returns what it prints."""
+    """Return a function that runs a script in an empty folder, in this process, and returns its output."""
     monkeypatch.chdir(tmp_path)
 
     def run_script(path, *arguments):
@@ -40,7 +40,7 @@ def numbers(text):
 
 
 def positions_in(bag):
-    """Return true and estimated positions [m] by their stamps, read by rosbags."""
+    """Return true and estimated positions [m] by stamp, read by rosbags."""
     positions = {
         topic: {
             stamp(message): complex(message.pose.pose.position.x, message.pose.pose.position.y) for _, message in rows
@@ -61,32 +61,32 @@ def test_the_law_alone_reaches_the_goal_from_each_start(tmp_path, run):
 
 
 @pytest.mark.graph
-def test_a_goal_is_driven_to_and_its_bag_is_plotted(tmp_path, run):
+def test_the_goal_is_reached_and_the_bag_of_the_drive_is_plotted(tmp_path, run):
     command = [sys.executable, str(EXAMPLES / "goal_from_python.py")]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=200, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     *feedback, end = done.stdout.splitlines()
     assert end == "reached"
     distances = [numbers(line)[0] for line in feedback]
-    # A program that is held up misses feedback.
+    # On a busy machine, feedback may be missing.
     assert 0.0 <= max(distances, default=0.0) < np.hypot(2.0, 5.5) + 0.6
 
-    said = numbers(run(EXAMPLES / "plot_bag.py", "drive"))
+    printed = numbers(run(EXAMPLES / "plot_bag.py", "drive"))
     truth, estimates = positions_in(tmp_path / "drive")
     assert abs(truth[max(truth)]) < 0.15
-    # A process that is held up may leave some stamps out, of either.
+    # On a busy machine, some stamps are missing.
     errors = np.abs(list(estimates.values()) - np.interp(list(estimates), list(truth), list(truth.values())))
-    assert said[-2:] == pytest.approx([np.median(errors), max(errors)], abs=1e-3)
+    assert printed[-2:] == pytest.approx([np.median(errors), max(errors)], abs=1e-3)
     assert (tmp_path / "plot_bag.png").is_file()
 
 
-def test_the_law_on_the_page_is_the_example():
+def test_the_how_to_shows_the_law_of_the_example():
     page = (EXAMPLES.parent / "docs/how-to/own-law.md").read_text()
     (law,) = re.findall(r'^```python title="straight_line.py"\n(.*?)^```$', page, re.M | re.S)
     assert law in (EXAMPLES / "straight_line.py").read_text().replace("import sys\n", "")
 
 
-def test_the_law_of_the_example_drives_a_robot_whose_file_names_it(tmp_path, monkeypatch):
+def test_a_robot_whose_file_names_the_law_of_the_example_reaches_its_goal(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(EXAMPLES)
     file = tmp_path / "robot.yaml"
     assert main(["robot", "new", str(file), "--like", "turtlebot4"]) == 0
@@ -102,7 +102,7 @@ def test_the_law_of_the_example_drives_a_robot_whose_file_names_it(tmp_path, mon
 
 
 @pytest.mark.study
-def test_the_study_tells_the_presets_apart(tmp_path, run):
+def test_the_study_shows_the_lateral_error_of_the_preset_paper_only(tmp_path, run):
     """The paper's law leaves a lateral error of 0.2 to 0.35 m (docs/explanation/law.md)."""
     paper, tuned = (numbers(line) for line in run(EXAMPLES / "monte_carlo.py", 200).splitlines())
     assert paper[0] < 40.0
@@ -112,7 +112,7 @@ def test_the_study_tells_the_presets_apart(tmp_path, run):
     assert (tmp_path / "monte_carlo.png").is_file()
 
 
-def test_the_notebook_holds_no_outputs_runs_and_shows_what_the_filter_is_worth(tmp_path, run):
+def test_the_notebook_has_no_outputs_and_shows_the_benefit_of_the_filter(tmp_path, run):
     notebook = nbformat.read(EXAMPLES / "closed_loop.ipynb", as_version=nbformat.NO_CONVERT)
     nbformat.validate(notebook)
     cells = [cell for cell in notebook.cells if cell.cell_type == "code"]
@@ -121,7 +121,7 @@ def test_the_notebook_holds_no_outputs_runs_and_shows_what_the_filter_is_worth(t
     reached, *rows = run(tmp_path / "notebook.py").splitlines()
     assert reached.startswith("reached after ")
     raw, ekf, truth = (numbers(row) for row in rows)
-    # Uniform errors within 0.3 m in x and in y: the median distance is 0.24 m.
+    # With uniform errors within 0.3 m in x and in y, the median distance is 0.24 m.
     assert raw[0] == pytest.approx(0.24, abs=0.03)
     assert truth[0] == 0.0 < ekf[0] < 0.5 * raw[0]
     assert truth[1] < ekf[1] < 0.1

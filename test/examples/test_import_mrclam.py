@@ -1,4 +1,4 @@
-"""A set of MR.CLAM as a bag: read back with the rosbags library, compared with the circle that the files describe."""
+"""The bag of an MR.CLAM data set, read by rosbags, against the circle from which the files were made."""
 
 import math
 
@@ -25,7 +25,7 @@ def topics(tmp_path_factory):
     return read(import_mrclam(write_mrclam(folder / "set", robot=3), 3, folder / "bag"))
 
 
-def test_the_bag_holds_all_rows_at_the_time_of_the_data(topics):
+def test_each_row_is_a_message_with_the_time_of_the_row(topics):
     assert set(topics) == {"/odom", "/landmarks", "/ground_truth", "/initialpose"}
     for messages in topics.values():
         assert all(time == stamp(message) for time, message in messages)
@@ -44,7 +44,7 @@ def test_the_true_poses_and_the_start_are_on_the_circle(topics):
     assert np.sqrt(covariance[[0, 1, 5], [0, 1, 5]]) == pytest.approx([0.01, 0.01, 0.01])
 
 
-def test_odometry_has_the_twist_its_integral_and_unknown_covariances(topics):
+def test_odometry_has_the_commanded_twist_its_integral_and_unknown_covariances(topics):
     for index, (_, message) in enumerate(topics["/odom"]):
         assert (message.header.frame_id, message.child_frame_id) == ("odom", "base_link")
         assert message.twist.twist.linear.x == pytest.approx(RADIUS * OMEGA)
@@ -54,8 +54,7 @@ def test_odometry_has_the_twist_its_integral_and_unknown_covariances(topics):
         assert_pose(message, (RADIUS * math.sin(angle), RADIUS * (1.0 - math.cos(angle)), angle), 1e-4)
 
 
-def test_landmarks_are_ranges_along_the_line_of_sight_by_subject(topics):
-    """The files hold depths along the camera's axis."""
+def test_landmarks_have_ranges_from_the_depths_and_numbers_from_the_barcodes(topics):
     numbers, bearings = set(), []
     for time, message in topics["/landmarks"]:
         assert message.header.frame_id == "base_link"
@@ -70,7 +69,7 @@ def test_landmarks_are_ranges_along_the_line_of_sight_by_subject(topics):
     assert max(bearings) > 1.0
 
 
-def test_repeated_lines_count_once_a_landmark_twice_at_one_time_needs_two_clouds_and_a_command_holds(tmp_path):
+def test_repeated_lines_are_dropped_and_a_second_measurement_of_a_landmark_starts_a_new_cloud(tmp_path):
     folder = write_mrclam(tmp_path / "set")
     path = folder / "Robot1_Measurement.dat"
     path.write_text("".join(f"{T0 + 1:.3f} 63 {depth} 0.0\n" for depth in (2.0, 2.0, 2.5)))
@@ -82,20 +81,29 @@ def test_repeated_lines_count_once_a_landmark_twice_at_one_time_needs_two_clouds
     assert np.array(odometry) == pytest.approx(np.array([(0.1, 0.0), (0.1, 0.1), (0.2, 0.5)]))
 
 
-def test_what_cannot_be_imported_is_an_error_in_one_line_and_leaves_no_bag(tmp_path):
-    bad = {
-        "Odometry": ("soon 0.1 0.1", "1248446191 0.1", "1248446191 nan 0.1", "-1 0.1 0.1"),
-        "Measurement": ("1248446191 63 -1 0.1", "1248446191 6.3 1 0.1", "1248446191 63 1 1.6"),
-        "Groundtruth": ("1248446191 1e9 1 0" + " " * 5000,),
-    }
-    for name, lines in bad.items():
-        for line in lines:
-            folder = write_mrclam(tmp_path / "set", duration=2.0)
-            path = folder / f"Robot1_{name}.dat"
-            content = path.read_text()
-            path.write_text(f"{content}{line}\n")
-            words = f"import_mrclam: {path}, line {content.count(chr(10)) + 1}: "
-            assert refusal(folder, tmp_path / "bag").startswith(words), line
+@pytest.mark.parametrize(
+    ("name", "line"),
+    [
+        ("Odometry", "soon 0.1 0.1"),
+        ("Odometry", "1248446191 0.1"),
+        ("Odometry", "1248446191 nan 0.1"),
+        ("Measurement", "1248446191 6.3 1 0.1"),
+        ("Measurement", "1248446191 63 1 1.6"),
+        ("Groundtruth", "1248446191 1e9 1 0" + " " * 5000),
+    ],
+)
+def test_a_line_with_an_error_is_named_and_no_bag_is_written(tmp_path, name, line):
+    folder = write_mrclam(tmp_path / "set", duration=2.0)
+    path = folder / f"Robot1_{name}.dat"
+    content = path.read_text()
+    path.write_text(f"{content}{line}\n")
+    count = content.count("\n") + 1
+    assert refusal(folder, tmp_path / "bag").startswith(f"import_mrclam: {path}, line {count}: ")
+
+
+def test_missing_and_empty_files_are_named(tmp_path):
+    folder = write_mrclam(tmp_path / "set", duration=2.0)
+    path = folder / "Robot1_Groundtruth.dat"
     path.unlink()
     assert str(path) in refusal(folder, tmp_path / "bag")
     path.write_text("# nothing\n")

@@ -121,7 +121,7 @@ def test_an_inactive_controller_stops_the_robot_refuses_what_its_state_lacks_and
     for transition, label in ((Transition.TRANSITION_CONFIGURE, ""), (99, ""), (0, "fly"), (0, "configure")):
         assert not manager.request("controller", transition, label)
     assert manager.state("controller") == State.PRIMARY_STATE_ACTIVE
-    assert "no transition fly from active: refused" in capfd.readouterr().err
+    assert "transition fly refused: it is not possible in the state active" in capfd.readouterr().err
     states = nodes.peer.call(GetAvailableStates, "controller/get_available_states").available_states
     assert {"unconfigured", "inactive", "active", "finalized"} <= {state.label for state in states}
     manager.commands.clear()

@@ -61,7 +61,7 @@ def test_a_second_controller_of_the_same_name_is_an_error_when_it_lasts(nodes, m
     """For as long as DDS counts a killed process, it may be the one before."""
     nodes.add(ControllerNode)
     nodes.add(ControllerNode)
-    wait_for(nodes, "/controller", "robot: /controller, /controller (one that was killed", DiagnosticStatus.WARN)
+    wait_for(nodes, "/controller", "robot: /controller, /controller (the publisher of a killed", DiagnosticStatus.WARN)
     monkeypatch.setattr(watches, "LEASE", 0.1)
     wait_for(nodes, "/controller", "robot: /controller, /controller", DiagnosticStatus.ERROR)
 

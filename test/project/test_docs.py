@@ -1,4 +1,4 @@
-"""The documentation: generated parts follow the code, links have targets, tutorials print what they show."""
+"""The documentation: generated parts are up to date, links have targets, and tutorials print the output shown."""
 
 import os
 import re
@@ -18,11 +18,11 @@ from diffbot_core.schema import parameters_of
 
 ROOT = Path(__file__).parents[2]
 FIRST_DRIVE = "first-drive"
-"""its results are compared in test/tools/test_demo.py, which runs it"""
+"""test/tools/test_demo.py runs this tutorial and compares its output"""
 TUTORIALS = {page.stem: page.read_text() for page in tutorial_run.pages() if page.stem != FIRST_DRIVE}
 
 
-def test_lists_of_parameters_and_rules_are_up_to_date():
+def test_generated_parts_of_the_reference_are_up_to_date():
     pages = build.tables()
     assert [path.name for path, text in pages.items() if path.read_text() != text] == []
     assert build.rules() in pages[build.DOCS / "reference" / "bag-check.md"]
@@ -36,7 +36,6 @@ def test_the_reference_shows_each_parameter_once():
 
 @pytest.mark.install
 def test_the_site_builds_strictly(tmp_path):
-    """A broken link or anchor, or a page outside the navigation, is an error."""
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path)]
     quiet = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
     built = subprocess.run(command, cwd=ROOT, env=quiet, capture_output=True, text=True, check=False)
@@ -51,14 +50,14 @@ def test_every_link_of_a_page_outside_the_site_has_a_target(name):
 
 
 def anchors(page):
-    """The anchors of a page, as mkdocs and GitHub name them: one for each heading, and none for the page itself."""
+    """Return the anchors of a page as mkdocs and GitHub name them: one for each heading, and "" for the page."""
     headings = re.findall(r"^#+ (.*)$", page.read_text(), re.MULTILINE) if page.suffix == ".md" else []
     return {"", *(re.sub(r"[^\w\- ]", "", one).lower().replace(" ", "-") for one in headings)}
 
 
 @pytest.fixture(scope="module")
 def printed(tmp_path_factory):
-    """Run tutorials beside each other, since those with a robot mostly wait; return what each will have printed."""
+    """Run the tutorials in parallel; return a future with the output of each."""
     with ExitStack() as domains, ThreadPoolExecutor(3) as pool:
         yield {
             name: pool.submit(
@@ -74,11 +73,11 @@ def printed(tmp_path_factory):
 @pytest.mark.graph
 @pytest.mark.study
 @pytest.mark.parametrize("name", TUTORIALS)
-def test_a_tutorial_prints_what_it_shows(name, printed):
+def test_a_tutorial_prints_the_output_that_it_shows(name, printed):
     shown = tutorial_run.outputs(TUTORIALS[name], printed[name].result())
     assert shown
     for block, output in shown:
         printed_lines, lines = (tutorial_run.comparable(text, block.title) for text in (output, block.body))
-        # A program that is held up misses some of the feedback.
+        # On a busy machine, some of the feedback is missing.
         assert set(printed_lines) <= set(lines)
         assert [one for one in printed_lines if " to go" not in one] == [one for one in lines if " to go" not in one]

@@ -1,4 +1,4 @@
-"""What others install: an sdist and its wheel in a clean environment, and the workspace that colcon builds of it."""
+"""Installations: an sdist, its wheel in a clean environment, and a colcon workspace."""
 
 import os
 import shlex
@@ -25,13 +25,13 @@ PINNED = ("--quiet", "--constraint", ROOT / "constraints.txt")
 
 
 class Installation(NamedTuple):
-    source: str  # the line of shell that makes it usable
+    source: str  # shell command that makes it usable
     prefix: Path
-    root: Path  # everything that belongs to it
+    root: Path  # folder with all its files
 
 
 def run(*command, status=0, cwd=None, **environment):
-    """Run a program without what this environment may add; return its output, or its errors if it is to fail."""
+    """Run a program without the variables of this environment; return its output, or its errors if it should fail."""
     clean = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "AMENT", "ROS"))}
     command = [str(word) for word in command]
     done = subprocess.run(
@@ -42,14 +42,14 @@ def run(*command, status=0, cwd=None, **environment):
 
 
 def build(kind, source, target):
-    """Build an sdist or a wheel with the setuptools of this environment, fetching nothing."""
+    """Build an sdist or a wheel with the setuptools of this environment, without downloads."""
     program = f"from setuptools.build_meta import build_{kind} as build; print(build({str(target)!r}))"
     return target / run(sys.executable, "-c", program, cwd=source).splitlines()[-1]
 
 
 @pytest.fixture(scope="module")
 def unpacked(tmp_path_factory):
-    """Return the contents of an sdist, built from a source tree in which files lie about."""
+    """Return the folder of an unpacked sdist, built from a source tree with stray files."""
     folder, target = (tmp_path_factory.mktemp(name) for name in ("source", "unpacked"))
     for path in source_tree():
         copy = folder / path.relative_to(ROOT)
@@ -66,14 +66,14 @@ def unpacked(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def wheel(unpacked, tmp_path_factory):
-    """Build from the sdist alone, as pip and pipx do."""
+    """Build a wheel from the sdist alone, as pip does."""
     return build("wheel", unpacked, tmp_path_factory.mktemp("wheel"))
 
 
 @pytest.fixture(scope="module")
 def workspace(unpacked, tmp_path_factory):
-    """Return what colcon builds of the sdist."""
-    # In a folder of its own: its plug-ins must not enter the environment.
+    """Build a workspace from the sdist by colcon."""
+    # The plug-ins of colcon must not be installed into this environment.
     folder, root = (tmp_path_factory.mktemp(name) for name in ("colcon", "workspace"))
     run(*PIP, "install", *PINNED, "--no-build-isolation", "--no-compile", "--target", folder, *COLCON)
     command = [sys.executable, folder / "bin" / "colcon", "build", "--base-paths", unpacked]
@@ -84,36 +84,35 @@ def workspace(unpacked, tmp_path_factory):
 
 def in_shell(installation, program, *arguments):
     """Return a command that runs a program of an installation."""
-    # exec, as a signal must reach the program and not the shell.
+    # exec: a signal must reach the program and not the shell.
     return ["sh", "-c", f"{installation.source} && exec {shlex.join([str(program), *arguments])}"]
 
 
 def environment_of_wheels(folder):
-    """Return the environment of a fresh shell with only this Python's prefix sourced."""
-    # What another environment of wheels leaves behind would make this one load foreign libraries.
+    """Return the environment of a new shell in which only the prefix of this Python is sourced."""
     foreign = {"_ROS_WHEELS_BOOTSTRAP_COMPLETE", "LD_LIBRARY_PATH", "PYTHONPATH"}
     environment = {name: value for name, value in os.environ.items() if name not in foreign}
     path = os.pathsep.join([str(Path(sys.prefix, "bin")), os.environ["PATH"]])
     return {**environment, "PATH": path, "AMENT_PREFIX_PATH": sys.prefix, "ROS_LOG_DIR": str(folder)}
 
 
-def test_sdist_and_wheel_hold_the_source_of_the_package_and_nothing_else(unpacked, wheel):
+def test_sdist_and_wheel_contain_the_source_of_the_package_and_no_other_files(unpacked, wheel):
     tree = {path.relative_to(ROOT) for path in source_tree()}
     of_package = {path for path in tree if path.parts[0] in PACKAGES}
     files = {path.relative_to(unpacked) for path in unpacked.rglob("*") if path.is_file()}
     copied = files & tree
-    # The wheel was built there, too.
+    # Files of the build of the wheel.
     made = {path for path in files if path.parts[0] == "build" or path.parts[0].endswith(".egg-info")}
     assert files - made - tree == {Path("PKG-INFO")}
     assert of_package | {Path("setup.py"), Path("package.xml"), Path("README.md"), Path("LICENSE")} <= copied
     assert {path.parts[0] for path in copied} & NOT_BUILT_FROM == set()
     changed = {path for path in copied if (unpacked / path).read_bytes() != (ROOT / path).read_bytes()}
-    assert changed <= {Path("setup.cfg")}, "to which the build adds"
+    assert changed <= {Path("setup.cfg")}  # the build adds to it
     with zipfile.ZipFile(wheel) as archive:
         assert {Path(name) for name in archive.namelist() if name.split("/")[0] in PACKAGES} == of_package
 
 
-def test_a_clean_environment_runs_what_needs_no_ros_and_says_in_one_line_what_does(wheel, tmp_path):
+def test_without_ros_bags_and_the_library_work_and_nodes_report_one_line(wheel, tmp_path):
     run(sys.executable, "-m", "venv", "--without-pip", tmp_path / "venv")
     programs = tmp_path / "venv" / "bin"
     run(*PIP, "--python", programs / "python", "install", *PINNED, "--no-compile", wheel)
@@ -131,8 +130,7 @@ def test_a_clean_environment_runs_what_needs_no_ros_and_says_in_one_line_what_do
         assert "extra jazzy" in line
 
 
-def test_a_node_comes_up_where_ros2_run_looks_and_ends_cleanly(workspace, tmp_path):
-    """The others begin in the same way: test_packaging.py resolves all of them."""
+def test_a_node_starts_from_the_folder_in_which_ros2_run_looks_and_ends_cleanly(workspace, tmp_path):
     command = in_shell(workspace, workspace.prefix / "lib" / "diffbot" / "plant_node")
     with graph.process(*command, cwd=tmp_path, env=environment_of_wheels(tmp_path)) as node:
         node.wait_for_output("[plant]: ready", 200.0)
@@ -140,7 +138,7 @@ def test_a_node_comes_up_where_ros2_run_looks_and_ends_cleanly(workspace, tmp_pa
 
 
 @pytest.mark.parametrize("made_by", ["pip", "colcon"])
-def test_ros_finds_command_modules_launch_and_configuration(made_by, request, tmp_path):
+def test_ros_finds_the_command_the_modules_and_the_shared_files(made_by, request, tmp_path):
     of_pip = Installation("true", Path(sys.prefix), Path(sys.prefix))
     installation = of_pip if made_by == "pip" else request.getfixturevalue("workspace")
     assert {path.name for path in (installation.prefix / "lib" / "diffbot").iterdir()} >= {*NODES, "diffbot"}

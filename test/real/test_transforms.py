@@ -188,4 +188,4 @@ def test_a_gyro_upside_down_agrees_with_the_wheels_through_its_transform_alone(i
             fed.send("odom", odometry(START + 0.1 * step, omega=0.8))
         fed.node._check_and_report()
         _, text = fed.node.health_level()
-    assert ("sign opposite to that of odom" in text) == (not is_known), text
+    assert ("turn rates of imu and odom have opposite signs" in text) == (not is_known), text

@@ -1,4 +1,4 @@
-"""What users give: poses, robots and parameters, checked and in the types of the rooms below."""
+"""Check the arguments of the Python interface, and convert them to the types of the other packages."""
 
 from __future__ import annotations
 
@@ -16,38 +16,38 @@ from diffbot_tools.robot import RobotConfig, read_robot
 from diffbot_tools.robot_description import PRESETS, RobotDescription
 
 AnyPose: TypeAlias = Pose | Sequence[float]
-"""x [m], y [m], heading [rad]"""
+"""x [m], y [m] and heading [rad]."""
 AnyRobot: TypeAlias = str | PathLike[str] | RobotDescription | RobotConfig
-"""A parameter file, the name of one of ROBOTS, a description, or a robot."""
+"""A parameter file, a name in ROBOTS, a description, or a robot."""
 
 
 def pose_of(name: str, value: AnyPose) -> Pose:
-    """Return three numbers as a pose.
+    """Convert the argument ``name`` to a pose.
 
     Raises:
-        InvalidValueError: naming ``name`` if they are not three finite numbers, or too large.
+        InvalidValueError: if it is not three finite numbers, or a coordinate is too large.
     """
     try:
         x, y, theta = (float(number) for number in value)
     except (TypeError, ValueError):
-        raise InvalidValueError(name, value, "x, y and heading: three numbers") from None
+        raise InvalidValueError(name, value, "three numbers: x [m], y [m] and heading [rad]") from None
     if not (abs(x) <= MAX_COORDINATE and abs(y) <= MAX_COORDINATE and math.isfinite(theta)):
-        raise InvalidValueError(name, value, f"finite, and within +-{MAX_COORDINATE:g} m")
+        raise InvalidValueError(name, value, f"finite and within +-{MAX_COORDINATE:g} m")
     return Pose(x, y, theta)
 
 
 def goal_of(name: str, value: AnyPose) -> Pose:
-    """Return a pose that the user has chosen, whose heading is therefore within a turn; see :func:`pose_of`."""
+    """Convert an argument as :func:`pose_of` does, and check that the heading is not in degrees."""
     pose = pose_of(name, value)
     checked_heading(name, pose.theta)
     return pose
 
 
 def sigma_of(value: Sequence[float], minimum: float = 0.0) -> Uncertainty:
-    """Return two standard deviations.
+    """Convert the argument ``sigma`` to standard deviations [m], [rad].
 
     Raises:
-        InvalidValueError: if they are not two finite numbers, at least ``minimum``.
+        InvalidValueError: if it is not two finite numbers >= ``minimum``.
     """
     try:
         first, second = (float(number) for number in value)
@@ -58,45 +58,45 @@ def sigma_of(value: Sequence[float], minimum: float = 0.0) -> Uncertainty:
     return Uncertainty(first, second)
 
 
-def time_of(value: float, after: float = -math.inf) -> float:
-    """Return a time [s].
+def time_of(value: float, previous: float = -math.inf) -> float:
+    """Check the argument ``time`` [s].
 
     Raises:
-        InvalidValueError: if it is not a finite number, or not later than ``after``.
+        InvalidValueError: if it is not a finite number > ``previous``.
     """
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
         raise InvalidValueError("time", value, "a finite number [s]")
-    if value <= after:
-        raise InvalidValueError("time", value, f"> {after:g}, the time before")
+    if value <= previous:
+        raise InvalidValueError("time", value, f"> {previous:g}, the previous time")
     return float(value)
 
 
 def seed_of(value: int) -> int:
-    """Return a seed.
+    """Check the argument ``seed``.
 
     Raises:
-        InvalidValueError: if it is not a whole number from 0 to 2^63 - 1.
+        InvalidValueError: if it is not an integer from 0 to 2^63 - 1.
     """
     if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= MAX_SEED:
-        raise InvalidValueError("seed", value, "a whole number >= 0")
+        raise InvalidValueError("seed", value, f"a whole number from 0 to {MAX_SEED}")
     return value
 
 
 def robot_of(value: AnyRobot) -> RobotConfig:
-    """Return a robot, whatever describes it.
+    """Convert the argument ``robot`` to a robot.
 
     Raises:
-        DiffbotError: in one line, if nothing does, or a value is not allowed.
+        DiffbotError: if the robot is unknown or a value of its description is not allowed.
     """
     if isinstance(value, RobotConfig):
         return value
     if not isinstance(value, (str, PathLike, RobotDescription)):
-        raise InvalidValueError("robot", value, "a parameter file, the name of one of ROBOTS, or diffbot.robot(...)")
+        raise InvalidValueError("robot", value, "a parameter file, a name in diffbot.ROBOTS, or diffbot.robot(...)")
     return read_robot(value)
 
 
 def robot(like: str = "turtlebot3_burger", **values: Any) -> RobotConfig:
-    """Return a robot that differs from one of ROBOTS in some values.
+    """Return one of the ROBOTS with some values changed.
 
     Examples:
         >>> import diffbot
@@ -107,12 +107,12 @@ def robot(like: str = "turtlebot3_burger", **values: Any) -> RobotConfig:
         True
 
     Args:
-        like: the name of that one.
-        values: fields of a description, by the names of the parameters with ``_`` for the dots, as the flags of
-            ``diffbot robot new``.
+        like: name of the robot in ROBOTS.
+        values: new values, named as the options of ``diffbot robot new``, which are the parameters of the nodes with
+            ``_`` in place of dots.
 
     Raises:
-        InvalidValueError: for a value that is not allowed, or an unknown name, with those like it.
+        InvalidValueError: if a name is unknown or a value is not allowed.
     """
     if like not in PRESETS:
         raise InvalidValueError("like", like, known_name(like, PRESETS))
@@ -120,10 +120,10 @@ def robot(like: str = "turtlebot3_burger", **values: Any) -> RobotConfig:
 
 
 def with_parameters(config: C, values: Mapping[str, Any]) -> C:
-    """Return a configuration with parameters set; their names have ``_`` for the dots of ROS.
+    """Return a configuration with some parameters changed, whose names have ``_`` in place of dots.
 
     Raises:
-        InvalidValueError: for a value that is not allowed, or an unknown name, with those like it.
+        InvalidValueError: if a name is unknown or a value is not allowed.
     """
     names = {one.name.replace(".", "_"): one.name for one in parameters_of(type(config))}
     for name, value in values.items():
