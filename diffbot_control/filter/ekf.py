@@ -258,7 +258,9 @@ def _accept(filter_: FilterState, options: Options, reading: Reading, expected: 
         filter_.shift[i] += shift[i]
 
 
-def _update_noise(filter_: FilterState, options: Options, reading: Reading, expected: Expected, x: float, y: float) -> None:
+def _update_noise(
+    filter_: FilterState, options: Options, reading: Reading, expected: Expected, x: float, y: float
+) -> None:
     """Add the previous and this measurement to the noise statistic, and inflate P if the estimated R increases.
 
     ``x`` and ``y`` [m] are the estimated position before the correction.
