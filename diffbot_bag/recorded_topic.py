@@ -1,4 +1,4 @@
-"""One topic that is being recorded: its subscription, its losses, and the publishers that do not match."""
+"""Subscribe to one topic to record; find its losses and the publishers that the subscription does not match."""
 
 from __future__ import annotations
 
@@ -15,21 +15,20 @@ Receive = Callable[[bytes, dict[str, Any]], None]
 
 
 class RecordedTopic:
-    """A topic: its channel in the bag, its subscription, and the publishers that do not match the subscription."""
+    """A topic with its channel in the bag, its subscription and its losses."""
 
     def __init__(self, name: str, type_name: str, channel: int, request: Qos, fixed: bool) -> None:
-        """Start without a subscription; ``request`` is its QoS, ``fixed`` if a file of overrides gives it."""
+        """Start without a subscription. ``request`` is its QoS, which does not change if it is ``fixed``."""
         self.name, self.type_name, self.channel, self.request, self.fixed = name, type_name, channel, request, fixed
         self.losses = LossCounter(self.publisher_count)
         self.received = 0
-        """messages accepted"""
+        """number of received messages"""
         self.polls = 0
-        """times that the topic was looked at since it was subscribed to"""
+        """number of calls of :meth:`find_unmatched`"""
         self.unmatched: dict[str, str] = {}
-        """why a publisher is not recorded, by the name of its node"""
+        """reason why a publisher is not recorded, by the name of its node"""
         self._subscription: Any = None
-        self._subscribed = 0
-        """times that the topic was subscribed to"""
+        self._subscription_number = 0
         self._receive: Receive = lambda _data, _info: None
 
     def publisher_count(self) -> int:
@@ -37,25 +36,25 @@ class RecordedTopic:
         return int(self._subscription.get_publisher_count())
 
     def subscribe(self, node: Any, receive: Receive) -> None:
-        """Subscribe to the raw messages; ``receive`` is called with the bytes and the info of each."""
+        """Subscribe to the raw messages; ``receive`` is called with the bytes and the info of each message."""
         self._receive = receive
-        self._subscribed = number = self._subscribed + 1
+        self._subscription_number = number = self._subscription_number + 1
 
         def adapted(data: Any, info: Any = None) -> None:
             if info is None:
-                # The EventsExecutor of rclpy 7.1.6 passes one pair, other executors two arguments.
+                # The EventsExecutor of rclpy 7.1.6 passes one tuple, other executors pass two arguments.
                 data, info = data
-            # An executor may serve an earlier subscription for a moment after it was destroyed.
-            if number == self._subscribed:
+            # An executor may still call the callback of a destroyed subscription.
+            if number == self._subscription_number:
                 receive(data, info)
 
-        # rclpy inspects the signature to find out whether to pass the info.
+        # rclpy inspects the signature to decide whether to pass the info.
         adapted.__signature__ = inspect.signature(receive)  # type: ignore[attr-defined]
         kind, qos = message_class(self.type_name), to_ros(self.request)
         self._subscription = node.create_subscription(kind, self.name, adapted, qos, raw=True)
 
-    def take_pending(self) -> int | None:
-        """Receive one message that no executor has taken; return its source timestamp [ns], None without a message."""
+    def take_queued(self) -> int | None:
+        """Receive one message from the queue of the subscription; return its source timestamp [ns], None if empty."""
         with self._subscription.handle:
             taken = self._subscription.handle.take_message(self._subscription.msg_type, True)
         if taken is None:
@@ -64,7 +63,7 @@ class RecordedTopic:
         return int(taken[1]["source_timestamp"])
 
     def find_unmatched(self, node: Any) -> dict[str, str]:
-        """Look at the publishers of the graph; return those newly found unmatched, with the reason."""
+        """Find publishers that the subscription does not match; return new ones, or new reasons, by node name."""
         self.polls += 1
         before, self.unmatched = self.unmatched, {}
         if node.count_publishers(self.name) > self.publisher_count():
@@ -74,27 +73,27 @@ class RecordedTopic:
         return {name: reason for name, reason in self.unmatched.items() if before.get(name) != reason}
 
     def _mismatch(self, publisher: Any) -> str:
-        """Return why the subscription does not match a publisher; empty if it does, even if a moment later."""
+        """Return the reason why the subscription does not match a publisher; empty if it does or will match it."""
         if publisher.topic_type != self.type_name:
-            return f"its type is {publisher.topic_type}"
+            return f"its type is {publisher.topic_type}, and {self.type_name} is recorded"
         offered = from_ros(publisher.qos_profile)
         if self.request.reliability == "reliable" and offered.reliability == "best_effort":
-            return "it offers best effort only"
+            return "its reliability is best effort"
         if self.request.durability == "transient_local" and offered.durability == "volatile":
-            return "it is not transient local"
+            return "its durability is volatile"
         return ""
 
     def weaken(self, node: Any) -> bool:
-        """Subscribe again so that all publishers of the topic's type match; return False if that is not possible.
+        """Subscribe again with a QoS that matches all publishers of the topic's type; return False if none is better.
 
-        Messages sent between the two subscriptions are lost, and counted.
+        Messages that are sent between the two subscriptions are lost, and counted as lost.
         """
         publishers = node.get_publishers_info_by_topic(self.name)
-        same = offers([one for one in publishers if one.topic_type == self.type_name])
-        request = to_request((*same, self.request))
+        offered = offers([one for one in publishers if one.topic_type == self.type_name])
+        request = to_request((*offered, self.request))
         if self.fixed or request == self.request:
             return False
-        while self.take_pending() is not None:
+        while self.take_queued() is not None:
             pass
         node.destroy_subscription(self._subscription)
         self.request = request

@@ -282,7 +282,7 @@ def test_a_message_that_does_not_fit_its_definition(tmp_path):
     with BagReader(writer.folder) as reader:
         with pytest.raises(DiffbotError, match=f"/a at {BEGIN} ns: 13 bytes are not a {POINT}"):
             list(reader.decoded(["/a"]))
-        with pytest.raises(DiffbotError, match="my_msgs/msg/A: no share/my_msgs/msg/A"):
+        with pytest.raises(DiffbotError, match=r"my_msgs/msg/A: share/my_msgs/msg/A\.msg is not installed"):
             list(reader.decoded(["/b"]))
         assert len(list(reader.messages())) == 2
         assert (reader.schemas["/b"].name, reader.schemas["/b"].data) == ("my_msgs/msg/A", b"")
@@ -396,11 +396,11 @@ def test_messages_added_at_once_give_the_same_file_byte_by_byte(sizes):
 def test_the_disk_is_watched(tmp_path):
     writer = BagWriter(tmp_path / "run")
     writer.check_disk(0)
-    with pytest.raises(BagWriteError, match=r"recording ends: .* bytes free: must be >= 1125899906842624"):
+    with pytest.raises(BagWriteError, match=r"recording ends: .* bytes of free space: must be >= 1125899906842624"):
         writer.check_disk(2**50)
     assert not writer.closed
     writer.path.rename(tmp_path / "moved")
-    with pytest.raises(BagWriteError, match="has gone while it was written"):
+    with pytest.raises(BagWriteError, match="was moved or deleted while it was written"):
         writer.check_disk(0)
     writer.close()
 
@@ -432,7 +432,7 @@ def test_what_cannot_be_created_is_refused_and_leaves_nothing(tmp_path):
     (tmp_path / "run").mkdir()
     (tmp_path / "file").write_text("")
     for make in (BagWriter, lambda path: new_bag(path).__enter__()):
-        with pytest.raises(BagWriteError, match=r"run exists already: choose another name for the bag$"):
+        with pytest.raises(BagWriteError, match=r"run already exists: choose another name for the bag$"):
             make(tmp_path / "run")
         for parent in (tmp_path / "file", Path("/proc/none")):
             with pytest.raises(BagWriteError, match=r"cannot (create|write) the bag .*: \w") as error:

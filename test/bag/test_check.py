@@ -106,7 +106,7 @@ def test_what_is_not_measured_or_missing_fails(info, results):
 @pytest.mark.parametrize(
     ("sections", "expected"),
     [
-        ({"topic": {}}, "'topic' is unknown: must be one of version, bag, topics"),
+        ({"topic": {}}, "'topic' is not a section: must be one of version, bag, topics"),
         ({"version": 2}, "version = 2: must be 1"),
         ({"topics": {"/a": {"min_rat": 1}}}, "/a: min_rat"),
         ({"topics": {"/a": {"min_rate": -1}}}, "/a: min_rate = -1.0: must be"),

@@ -118,7 +118,7 @@ def test_parameters_losses_and_other_encodings_are_carried_over(tmp_path):
 
 def test_what_cannot_be_cut_leaves_nothing(tmp_path):
     write_mcap(tmp_path / "a.mcap", [("/same", BEGIN, string("1"))], STRING)
-    error = pytest.raises(DiffbotError, match="no topic of the bag is selected; it has /same")
+    error = pytest.raises(DiffbotError, match="no topic of the bag is selected: select from /same")
     with closing(MergedBags([tmp_path / "a.mcap"])) as bags, error:
         cut(bags, tmp_path / "new", keep=lambda _: False)
     assert sorted(one.name for one in tmp_path.iterdir()) == ["a.mcap"]

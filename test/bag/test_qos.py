@@ -7,7 +7,6 @@ from rosbags.rosbag2.metadata import parse_qos
 from diffbot_bag.conversions import from_ros, to_ros
 from diffbot_bag.qos import (
     Qos,
-    TopicSelection,
     dump_profiles,
     load_profiles,
     read_overrides,
@@ -15,6 +14,7 @@ from diffbot_bag.qos import (
     to_plain,
     to_request,
 )
+from diffbot_bag.topic_selection import TopicSelection
 
 RELIABLE = Qos()
 BEST_EFFORT = Qos(reliability="best_effort")

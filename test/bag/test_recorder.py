@@ -230,7 +230,7 @@ def test_parameters_of_the_nodes_that_answer_are_attached_at_once(tmp_path, monk
         for name, value in {"gain": 0.25, "names": ["a", "b"], "api_key": "abc"}.items():
             nodes.peer.node.declare_parameter(name, value)
         recording = Recording(nodes, tmp_path / "run")
-        path, asking = tmp_path / "run" / "run_0.mcap", recording.recorder.node._parameters_of_all
+        path, asking = tmp_path / "run" / "run_0.mcap", recording.recorder.node._node_parameters
         nodes.peer.spin_until(lambda: asking._name == "/a_silent_one", what="the request to it")
         asking._deadline = 0.0
         # Not only at the end: a killed recorder has them, too.

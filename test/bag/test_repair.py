@@ -139,7 +139,7 @@ def test_a_file_that_grows_a_missing_file_and_one_of_another_kind(tmp_path):
     for path, words, options in (
         (source, "is it still being recorded", {"progress": grow}),
         (tmp_path / "missing.mcap", "No such file", {}),
-        (tmp_path, "exists already", {"target": tmp_path}),
+        (tmp_path, "already exists", {"target": tmp_path}),
     ):
         with pytest.raises(DiffbotError, match=words):
             repair_bag(path, **{"target": tmp_path / "fixed", **options})

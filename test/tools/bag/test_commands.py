@@ -74,8 +74,8 @@ def test_a_merge_of_what_a_filter_took_apart_is_the_bag(bag, tmp_path, run):
 
 def test_what_cannot_be_cut_is_one_line(bag, tmp_path, run):
     for words, arguments in (
-        ("must choose a part of the bag, which lasts from 1700000000.000", ("trim", bag, "part", "--from", "2s")),
-        ("must choose a part of the bag", ("trim", bag, "part", "--from", "1s", "--to", "0.5s")),
+        ("must select a part of the bag, which contains 1700000000.000", ("trim", bag, "part", "--from", "2s")),
+        ("must select a part of the bag", ("trim", bag, "part", "--from", "1s", "--to", "0.5s")),
         ("/scan is not in the bag", ("filter", bag, "part", "--topics", "/scan")),
         ("regex", ("filter", bag, "part", "--regex", "(")),
         ("this bag is given twice", ("merge", bag, bag, "part")),
@@ -175,6 +175,6 @@ def test_repair_prints_what_is_lost(bag, tmp_path, run):
     status, lines, _ = run("repair", source, tmp_path / "fixed")
     lost = 402 - len(messages(tmp_path / "fixed"))
     assert (status, lines[0]) == (0, f"{tmp_path / 'fixed'}: {402 - lost} messages of 3 topics in 1.990 s")
-    assert lines[1].startswith(f"run.mcap: lost: {chunk.chunk_length} bytes that cannot be read, between 0.")
-    assert lines[2].startswith(f"lost: {lost} messages by the index (/")
+    assert lines[1].startswith(f"run.mcap: lost: {chunk.chunk_length} damaged bytes, between 0.")
+    assert lines[2].startswith(f"lost: {lost} messages that the index lists (/")
     assert run("repair", source, tmp_path / "fixed")[0] == 1
