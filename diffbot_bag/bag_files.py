@@ -19,6 +19,7 @@ from diffbot_bag import metadata
 from diffbot_bag.bag import HASH_KEY, QOS_KEY
 from diffbot_bag.metadata import BagMetadata, FileInformation, Topic
 from diffbot_bag.qos import dump_profiles
+from diffbot_core.files import write_text
 
 LIBRARY = "diffbot"
 """Name of the writer in the header of each file. It numbers channels in the order of the topics in metadata.yaml."""
@@ -221,7 +222,8 @@ class BagFiles:
             counts.update(one)
         if self._stream is not None:
             files.append(self._information())
-        metadata.write(self._folder, self._metadata(files, counts), durable=durable)
+        text = metadata.to_yaml(self._metadata(files, counts))
+        write_text(self._folder / metadata.FILE_NAME, text, durable=durable, in_bag=True)
         self._metadata_lists_all_topics = True
 
     def _metadata(self, files: Sequence[FileInformation], counts: Counter[int]) -> BagMetadata:

@@ -1,4 +1,4 @@
-"""Read and write metadata.yaml of a rosbag2 bag. Any version is read, version 9 is written."""
+"""Parse and format metadata.yaml of a rosbag2 bag. Any version is read, version 9 is written."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from diffbot_bag.qos import Qos, load_profiles, to_plain
 from diffbot_core.errors import DiffbotError, shown
-from diffbot_core.files import read_text, write_text
+from diffbot_core.files import read_text
 from diffbot_core.yaml_files import dump_yaml, load_yaml
 
 FILE_NAME = "metadata.yaml"
@@ -105,15 +105,6 @@ def _topic_to_plain(topic: Topic) -> dict[str, Any]:
         },
         "message_count": topic.message_count,
     }
-
-
-def write(folder: Path, bag: BagMetadata, *, durable: bool = True) -> None:
-    """Write metadata.yaml in one step; with ``durable`` it is on the disk when the function returns.
-
-    Raises:
-        OSError: if the file cannot be written.
-    """
-    write_text(folder / FILE_NAME, to_yaml(bag), durable=durable, in_bag=True)
 
 
 def read(folder: Path) -> BagMetadata:

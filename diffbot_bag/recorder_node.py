@@ -145,9 +145,7 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
                 self._start(name, types[0])
         has_changed = False
         for topic in self._topics.values():
-            for publisher, reason in topic.find_unmatched(self).items():
-                has_changed = True
-                self._record_unmatched(topic, publisher, reason)
+            has_changed = topic.check_publishers() or has_changed
             topic.losses.note_publishers()
             self._writer.note_publishers(topic.channel, topic.losses.publishers)
             self.health.accepted[topic.name] = topic.received
@@ -157,12 +155,6 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
                 self.health.dropped.pop((topic.name, "lost"), None)
         if has_changed or self._matched() != self._last_matched:
             self._publish_status()
-
-    def _record_unmatched(self, topic: RecordedTopic, publisher: str, reason: str) -> None:
-        if reason.startswith("its type") or not topic.weaken(self):
-            self.get_logger().warning(f"{topic.name} of {publisher} is not recorded: {reason}")
-        else:
-            self.get_logger().info(f"subscribed to {topic.name} again, with the QoS of {publisher}: {reason}")
 
     def _refuse(self, name: str, reason: str) -> None:
         self._ignored.add(name)
@@ -181,8 +173,8 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         self._ignored.add(name)
         offered, override = offers(publishers), self._overrides.get(name)
         channel = self._writer.add_topic(name, type_name, offered, type_hash(publishers))
-        topic = RecordedTopic(name, type_name, channel, override or to_request(offered), override is not None)
-        topic.subscribe(self, self._receiver(topic))
+        topic = RecordedTopic(self, name, type_name, channel, override or to_request(offered), override is not None)
+        topic.subscribe(self._receiver(topic))
         self._topics[name] = topic
         self._ignored.discard(name)
         self.get_logger().info(f"subscribed to {name} [{type_name}]")
@@ -252,8 +244,8 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         self._publish_status()
 
     def _matched(self) -> tuple[str, ...]:
-        """Return the topics with a matched publisher. Wait for a second poll: then the publisher is matched, too."""
-        return tuple(sorted(one.name for one in self._topics.values() if one.polls > 1 and one.publisher_count()))
+        """Return the topics with a matched publisher. Wait for a second check: then the publisher is matched, too."""
+        return tuple(sorted(one.name for one in self._topics.values() if one.checks > 1 and one.publisher_count()))
 
     def _lost(self) -> int:
         return self._unwritten + sum(topic.losses.lost for topic in self._topics.values())

@@ -21,8 +21,6 @@ _BAG = "folder of the bag, or an .mcap file"
 _CHECK_HELP = """\
 exit status: 0 if all rules hold, 1 if a rule does not hold, 2 if the bag or the contract cannot be read
 """
-Interval = tuple[int | None, int | None]
-"""Log times [ns] of the begin (included) and the end (excluded); None: begin or end of the bag."""
 
 
 def add_bag(commands: Any) -> None:
@@ -109,15 +107,9 @@ def _add_trim(verbs: Any) -> None:
     trim = verbs.add_parser("trim", help="write a span of time of a bag to a new one")
     _add_paths(trim)
     trim.add_argument("--from", dest="first", type=parse_time, metavar="TIME", help=f"earliest log time ({FORMS})")
+    trim.add_argument("--to", dest="last", type=parse_time, metavar="TIME", help="log time at which the new bag ends")
     trim.add_argument(
-        "--to", dest="last", type=parse_time, metavar="TIME", help="log time before which the new bag ends"
-    )
-    trim.add_argument(
-        "--last",
-        dest="rest",
-        type=parse_duration,
-        metavar="DURATION",
-        help="duration of the end of the bag to write, e.g. 30s",
+        "--last", dest="rest", type=parse_duration, metavar="DURATION", help="keep the last part, e.g. 30s"
     )
     trim.add_argument(
         "--no-latched",
@@ -137,17 +129,13 @@ def _trim(options: argparse.Namespace) -> int:
     elif not first and not last:
         options.parser.error("give at least one of --from, --to and --last")
 
-    def interval(bags: MergedBags) -> Interval:
-        start, end = (resolve_time(one, bags.start, bags.end) if one else None for one in (first, last))
-        begin = bags.start if start is None else start
-        stop = bags.end + 1 if end is None else end
-        if begin >= stop or begin > bags.end or stop <= bags.start:
+    with _open_bags([options.bag]) as bags:
+        start = resolve_time(first, bags.start, bags.end) if first else bags.start
+        end = resolve_time(last, bags.start, bags.end) if last else bags.end + 1
+        if start >= end or start > bags.end or end <= bags.start:
             span = f"{bags.start * 1e-9:.9f} to {bags.end * 1e-9:.9f} s since 1970"
             raise DiffbotError(f"--from, --to: must select a part of the bag, which contains {span}")
-        # Before the start of the bag there are no latched messages to repeat.
-        return (None if begin <= bags.start else begin), end
-
-    return _cut([options.bag], options.out, interval, latched=options.latched)
+        return _cut(bags, options.out, start=start if start > bags.start else None, end=end, latched=options.latched)
 
 
 def _add_filter(verbs: Any) -> None:
@@ -176,19 +164,15 @@ def _filter(options: argparse.Namespace) -> int:
         options.parser.error("give at least one of --topics, --regex, --exclude, --exclude-regex and --types")
     check_regex(regex=options.regex, exclude_regex=options.exclude_regex)
     types = options.types
-
-    def whole(bags: MergedBags) -> Interval:
+    with _open_bags([options.bag]) as bags:
         known = {*bags.topics, *(topic.type for topic in bags.topics.values())}
         if missing := [one for one in (*options.topics, *types) if one not in known]:
             raise DiffbotError(shown(f"{missing[0]} is not in the bag, which contains {', '.join(sorted(known))}"))
-        return None, None
-
-    return _cut(
-        [options.bag],
-        options.out,
-        whole,
-        keep=lambda topic: selection.selects(topic.name) and (not types or topic.type in types),
-    )
+        return _cut(
+            bags,
+            options.out,
+            keep=lambda topic: selection.selects(topic.name) and (not types or topic.type in types),
+        )
 
 
 def _add_merge(verbs: Any) -> None:
@@ -201,7 +185,8 @@ def _add_merge(verbs: Any) -> None:
 def _merge(options: argparse.Namespace) -> int:
     if len(options.bags) < 2:
         options.parser.error("give at least two bags and the name of the new bag")
-    return _cut(options.bags, options.out, lambda _: (None, None))
+    with _open_bags(options.bags) as bags:
+        return _cut(bags, options.out)
 
 
 def _add_paths(parser: argparse.ArgumentParser) -> None:
@@ -209,15 +194,21 @@ def _add_paths(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("out", type=Path, metavar="OUT", help="folder of the new bag, which must not exist")
 
 
-def _cut(inputs: Sequence[Path], out: Path, interval: Callable[[MergedBags], Interval], **choices: Any) -> int:
+@contextmanager
+def _open_bags(paths: Sequence[Path]) -> Iterator[MergedBags]:
     from diffbot_bag.bag import MergedBags  # noqa: PLC0415 - only the called command is imported
-    from diffbot_bag.cut import cut  # noqa: PLC0415
 
-    with closing(MergedBags(inputs)) as bags, _bar(out.name) as progress:
+    with closing(MergedBags(paths)) as bags:
         for warning in bags.warnings:
             print(f"diffbot: warning: {warning}", file=sys.stderr)
-        start, end = interval(bags)
-        written = cut(bags, out, start=start, end=end, progress=progress, **choices)
+        yield bags
+
+
+def _cut(bags: MergedBags, out: Path, **options: Any) -> int:
+    from diffbot_bag.cut import cut  # noqa: PLC0415 - only the called command is imported
+
+    with _bar(out.name) as progress:
+        written = cut(bags, out, progress=progress, **options)
     seconds = written.duration * 1e-9
     print(f"{out}: {written.message_count} messages of {len(written.topics)} topics, {seconds:.3f} s")
     return 0

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from diffbot_bag.info import BagInfo, TopicFigures, TopicInfo
 from diffbot_bag.player import duration_text
-from diffbot_bag.qos import Qos
 from diffbot_bag.repair import Damage, Repaired
 from diffbot_core.errors import shown
 
+_COLUMNS = ("Topic", "rate [Hz]", "gap [s]", "lost", "latency [ms]", "p99 [ms]", "size", "QoS")
 _LABEL = 19
 """width of the labels of ``ros2 bag info``"""
 _SERVICE_EVENTS = "/_service_event"
@@ -25,7 +25,7 @@ def info_text(info: BagInfo) -> str:
     topics = [topic for topic in info.topics if not _is_service(topic)]
     lines = [
         *_listed("Files", [shown(file.name) for file in info.files]),
-        _line("Bag size", size_text(info.size)),
+        _line("Bag size", _size_text(info.size)),
         _line("Storage id", "mcap"),
         _line("ROS Distro", shown(info.distro or "unknown")),
         _line("Duration", f"{_seconds(info.duration)}s"),
@@ -38,8 +38,8 @@ def info_text(info: BagInfo) -> str:
         _line("Lost", "unknown" if info.lost is None else str(info.lost)),
         *_jumps(info),
     ]
-    if any(topic.figures for topic in info.topics):
-        lines += ["", *_table([("Topic", *_COLUMNS), *map(_row, info.topics)])]
+    if rows := [_figures_row(topic, topic.figures) for topic in info.topics if topic.figures]:
+        lines += ["", *_table([_COLUMNS, *rows])]
     return "\n".join(line.rstrip() for line in lines)
 
 
@@ -78,7 +78,7 @@ def _jumps(info: BagInfo) -> list[str]:
     return _listed("Time jump", lines) if lines else []
 
 
-def size_text(size: float) -> str:
+def _size_text(size: float) -> str:
     """Return a number of bytes in the format of rosbag2."""
     for unit in ("B", "KiB", "MiB", "GiB"):
         if size < 1024:
@@ -97,34 +97,23 @@ def _time_text(nanoseconds: int) -> str:
     return f"{date} {time.strftime('%H:%M:%S', local)}.{nanoseconds % 10**9:09d} ({_seconds(nanoseconds)})"
 
 
-def qos_text(profiles: Iterable[Qos]) -> str:
-    """Return the different combinations of reliability and durability in a list of profiles."""
-    return ", ".join(dict.fromkeys(f"{one.reliability} {one.durability}" for one in profiles)) or "-"
+def _number(value: float | None, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
 
 
-def _number(value: float | None, factor: float, digits: int) -> str:
-    return "-" if value is None else f"{value * factor:.{digits}f}"
-
-
-def _latency(figures: TopicFigures, name: str) -> float | None:
-    return getattr(figures.latency, name) if figures.latency else None
-
-
-_COLUMNS: dict[str, Callable[[TopicInfo, TopicFigures], str]] = {
-    "rate [Hz]": lambda _, figures: _number(figures.rate, 1.0, 2),
-    "gap [s]": lambda _, figures: _number(figures.gap, 1.0, 3),
-    "lost": lambda topic, _: "-" if topic.lost is None else str(topic.lost),
-    "latency [ms]": lambda _, figures: _number(_latency(figures, "median"), 1e3, 3),
-    "p99 [ms]": lambda _, figures: _number(_latency(figures, "p99"), 1e3, 3),
-    "size": lambda _, figures: size_text(figures.bytes),
-    "QoS": lambda topic, _: qos_text(topic.qos),
-}
-"""Columns of the table after the name of the topic."""
-
-
-def _row(topic: TopicInfo) -> tuple[str, ...]:
-    figures = topic.figures
-    return (shown(topic.name), *("-" if figures is None else text(topic, figures) for text in _COLUMNS.values()))
+def _figures_row(topic: TopicInfo, figures: TopicFigures) -> tuple[str, ...]:
+    latency = figures.latency
+    offers = dict.fromkeys(f"{qos.reliability} {qos.durability}" for qos in topic.qos)
+    return (
+        shown(topic.name),
+        _number(figures.rate, 2),
+        _number(figures.gap, 3),
+        _number(topic.lost, 0),
+        _number(latency and latency.median * 1e3, 3),
+        _number(latency and latency.p99 * 1e3, 3),
+        _size_text(figures.bytes),
+        ", ".join(offers) or "-",
+    )
 
 
 def _table(rows: Sequence[tuple[str, ...]]) -> list[str]:
