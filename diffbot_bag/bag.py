@@ -169,7 +169,7 @@ class BagReader:
         *,
         reverse: bool = False,
     ) -> Iterator[RawMessage]:
-        """Iterate over the messages as bytes, in the order of log time.
+        """Iterate over the messages as bytes, in the order of log time, then in the order of the files.
 
         Args:
             topics: names to keep; None for all.
@@ -194,23 +194,24 @@ class BagReader:
         def block_begin(block: Block) -> int:
             return -block.end if reverse else block.start
 
-        def sort_key(message: RawMessage) -> int:
-            return sign * message.log_time
-
-        blocks = sorted([block for block in self._blocks if is_needed(block)][::sign], key=block_begin)
-        waiting: list[RawMessage] = []
+        blocks = sorted([block for block in self._blocks if is_needed(block)], key=block_begin)
+        # Messages with the key by which they are sorted: log time, then position in the bag.
+        waiting: list[tuple[tuple[int, ...], RawMessage]] = []
         for block, following in zip_longest(blocks, blocks[1:]):
             topic_of_channel = selected[block.file]
-            found = [
-                RawMessage(topic, one.data, one.log_time, one.publish_time, one.sequence)
-                for one in read_block(self._stream(block.file), self.files[block.file], block)
+            position = sign * block.file, sign * block.offset
+            waiting += [
+                (
+                    (sign * one.log_time, *position, sign * index),
+                    RawMessage(topic, one.data, one.log_time, one.publish_time, one.sequence),
+                )
+                for index, one in enumerate(read_block(self._stream(block.file), self.files[block.file], block))
                 if (topic := topic_of_channel.get(one.channel_id)) is not None and earliest <= one.log_time <= latest
             ]
-            waiting += found[::sign]
-            waiting.sort(key=sort_key)
+            waiting.sort()
             # Blocks may overlap in time: a message from the begin of the next block on has to wait for that block.
-            count = bisect.bisect_left(waiting, block_begin(following), key=sort_key) if following else len(waiting)
-            yield from waiting[:count]
+            count = bisect.bisect_left(waiting, ((block_begin(following),),)) if following else len(waiting)
+            yield from (message for _, message in waiting[:count])
             del waiting[:count]
 
     def attachment(self, name: str) -> bytes | None:
