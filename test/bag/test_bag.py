@@ -234,6 +234,8 @@ def test_invalid_bags_are_refused_with_the_reason(tmp_path):
         ({"compression_mode": "FILE"}, "compression_mode = 'FILE': must be empty"),
         ({"storage_identifier": "sqlite3"}, "storage_identifier = 'sqlite3': must be mcap"),
         ({"relative_file_paths": ["\x1b[31m\n"]}, "cannot open"),
+        ({"relative_file_paths": ["../nothing.mcap"]}, "is outside"),
+        ({"relative_file_paths": [str(tmp_path / "run" / "run_0.mcap")]}, "is outside"),
     ):
         path.write_text(yaml.safe_dump({"rosbag2_bagfile_information": content | changes}))
         assert words in error_of(path.parent)

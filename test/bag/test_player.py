@@ -5,27 +5,13 @@ import itertools
 import random
 
 import pytest
-from bag_makers import BEGIN, LATCHED, MS, facts, point, write_mcap
+from bag_makers import BEGIN, MS, point, string
 
-from diffbot_bag.bag import MergedBags, RawMessage
+from diffbot_bag.bag import RawMessage
 from diffbot_bag.parameters import ReplayConfig
 from diffbot_bag.player import Player, Sink, Source, Window
 
-ALL = ("/a", "/b", "/map")
 HOUR = 3600 * 1000 * MS
-
-
-def recorded(count=300):
-    """Return /a every 1 ms, /b every 3 ms, and /map at 0, 100 and 250 ms."""
-    messages = []
-    for index in range(count):
-        time = BEGIN + index * MS
-        messages.append(("/a", time, point(index)))
-        if index % 3 == 0:
-            messages.append(("/b", time, point(-index)))
-        if index in (0, 100, 250):
-            messages.append(("/map", time + 1, point(1000 + index)))
-    return messages
 
 
 class FakeClock:
@@ -97,34 +83,28 @@ def plain(messages=None, **config):
     return Run(source, Window(BEGIN, messages[-1].log_time), **config)
 
 
-@pytest.fixture
-def bag(tmp_path):
-    """Return a bag of the mcap library, and its messages as that library reads them."""
-    path = write_mcap(tmp_path / "foreign.mcap", recorded(), offers={"/map": [LATCHED]})
-    expected = [(one.topic, one.log_time, one.data) for one in facts(path)]
-    bags = MergedBags([path])
-    yield bags, expected
-    bags.close()
+def test_a_seek_continues_at_the_exact_message_after_the_earlier_latched_one():
+    latched = [RawMessage("/map", string(str(time)), BEGIN + time * MS + 1, 0, 0) for time in (0, 100, 250)]
+    messages = sorted([*raw(), *latched], key=lambda message: message.log_time)
 
+    def from_time(start):
+        return [message for message in messages if message.log_time >= start]
 
-def test_a_seek_continues_at_the_exact_message_after_the_earlier_latched_one(bag):
-    bags, expected = bag
-    source = Source(
-        lambda start: bags.messages(ALL, start, bags.end), lambda start: bags.latched_before(start, ["/map"])
-    )
-    run = Run(source, Window(bags.start, bags.end))
+    def latched_before(start):
+        return [message for message in latched if message.log_time < start][-1:]
+
+    first, last = messages[0].log_time, messages[-1].log_time
+    run = Run(Source(from_time, latched_before), Window(first, last))
     generator = random.Random(4)
     # Seek back and forth, to times of messages, to times between messages, and to both ends of the bag.
     targets = [BEGIN + generator.randrange(300) * MS + generator.choice((-1, 0, 1)) for _ in range(20)]
-    targets = [min(max(target, bags.start), bags.end) for target in [*targets, bags.end, bags.start]]
-    wanted = expected[:30]
+    targets = [min(max(target, first), last) for target in [*targets, last, first]]
+    expected = messages[:30]
     # Each seek is called while a message is sent.
     for number, target in enumerate(targets):
-        run.after(len(wanted), lambda target=target: run.player.seek(target))
-        latched = [each for each in expected if each[0] == "/map" and each[1] < target][-1:]
-        following = [each for each in expected if each[1] >= target]
-        wanted += latched + (following if number == len(targets) - 1 else following[:10])
-    assert [(message.topic, message.log_time, message.data) for message in run.play()] == wanted
+        run.after(len(expected), lambda target=target: run.player.seek(target))
+        expected += latched_before(target) + from_time(target)[: 10 if number < len(targets) - 1 else None]
+    assert run.play() == expected
     assert not run.player.seek(BEGIN)
 
 
