@@ -209,7 +209,7 @@ class BagReader:
                 if (topic := topic_of_channel.get(one.channel_id)) is not None and earliest <= one.log_time <= latest
             ]
             waiting.sort()
-            # Blocks may overlap in time: a message from the begin of the next block on has to wait for that block.
+            # Blocks may overlap in time: a message that is not earlier than the next block waits for that block.
             count = bisect.bisect_left(waiting, ((block_begin(following),),)) if following else len(waiting)
             yield from (message for _, message in waiting[:count])
             del waiting[:count]

@@ -26,7 +26,7 @@ class DefinitionNotFoundError(DiffbotError):
 def ament_prefixes() -> list[Path]:
     """Return the prefixes of installed packages: AMENT_PREFIX_PATH, then ``sys.prefix``.
 
-    Wheels install ``share/`` into ``sys.prefix`` and set no AMENT_PREFIX_PATH.
+    Wheels install ``share/`` into ``sys.prefix`` and do not set AMENT_PREFIX_PATH.
     """
     paths = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
     return list(dict.fromkeys(Path(path) for path in [*paths, sys.prefix] if path))
@@ -90,7 +90,7 @@ def _installed(type_name: str, suffix: str) -> str:
     for prefix in ament_prefixes():
         path = prefix / "share" / package / kind / f"{name}{suffix}"
         if path.is_file():
-            # Read as bytes: text mode would turn \r\n into \n and so change the schema.
+            # Text mode would change \r\n to \n, and so the schema.
             return path.read_bytes().decode()
     raise DefinitionNotFoundError(f"{type_name}: share/{package}/{kind}/{name}{suffix} is not installed")
 

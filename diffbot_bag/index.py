@@ -34,9 +34,9 @@ class Block(NamedTuple):
     file: int
     """number of the file in the bag, from 0"""
     offset: int
-    """[bytes] begin of the first record in the file"""
+    """[bytes] offset of the first record in the file"""
     stop: int
-    """[bytes] end of the last record in the file"""
+    """[bytes] offset after the last record in the file"""
     channels: frozenset[int]
     """channels that have messages in the block; empty if unknown"""
 

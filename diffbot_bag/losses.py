@@ -11,7 +11,7 @@ class _Sequence:
     def __init__(self, last: int) -> None:
         self.last = last
         self.origin: _Sequence | None = None
-        """sequence that this one may continue after a gap; None if it certainly has its own publisher"""
+        """sequence that this one may continue after a gap; None if it has its own publisher"""
         self.gap = 0
         """messages that are counted as lost between ``origin`` and this sequence"""
 

@@ -95,7 +95,7 @@ def make(type_name: str, /, **fields: Any) -> Any:
 def _make(store: Typestore, type_name: str, fields: Mapping[str, Any]) -> Any:
     names = store.fielddefs[type_name][1]
     if unknown := set(fields) - {name for name, _ in names}:
-        raise DiffbotError(f"{type_name} has no field {shown(min(unknown))}")
+        raise DiffbotError(f"{type_name} does not have a field {shown(min(unknown))}")
     return store.types[type_name](**{name: _value(store, kind, fields.get(name)) for name, kind in names})
 
 

@@ -75,7 +75,7 @@ def to_yaml(bag: BagMetadata, *, root: bool = True) -> str:
         "storage_identifier": "mcap",
         **_span_to_plain(bag),
         "topics_with_message_count": [_topic_to_plain(topic) for topic in bag.topics],
-        # These two keys describe compressed files or messages of rosbag2. Compressed chunks of MCAP do not count.
+        # rosbag2 compresses whole files or messages; these keys do not describe the compression of MCAP chunks.
         "compression_format": "",
         "compression_mode": "",
         "relative_file_paths": [file.name for file in bag.files],
@@ -122,7 +122,9 @@ def read(folder: Path) -> BagMetadata:
     if storage != "mcap":
         raise DiffbotError(f"{path}: storage_identifier = {shown(storage)!r}: must be mcap (see `ros2 bag convert`)")
     if inner.get("compression_mode"):
-        raise DiffbotError(f"{path}: compression_mode = {shown(inner['compression_mode'])!r}: must be empty")
+        raise DiffbotError(
+            f"{path}: compression_mode = {shown(inner['compression_mode'])!r}: must be empty (see `ros2 bag convert`)"
+        )
     try:
         known = {str(file["path"]): _file_from_plain(file) for file in inner.get("files") or ()}
         names = [str(name) for name in inner["relative_file_paths"]]

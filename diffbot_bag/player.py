@@ -45,7 +45,7 @@ def window(first: int, last: int, start_offset: float, playback_duration: float)
     Args:
         first: [ns] log time of the first message.
         last: [ns] log time of the last message.
-        start_offset: [s] begin of the part after the first message.
+        start_offset: [s] time from the first message to the start of the part.
         playback_duration: [s] duration of the part; negative: all.
 
     Raises:
@@ -206,7 +206,7 @@ class Player:
             self._timeline = self._timeline.moved_to(now)._replace(rate=rate)
 
     def set_skip_gaps(self, skip: bool) -> None:
-        """Set whether to skip gaps; if True, also skip the gap for whose end the player waits."""
+        """Skip gaps, including the current one, or wait for their end."""
         with self._change():
             self._skip_gaps = skip
 

@@ -81,8 +81,8 @@ class Publications:
     def send(self, message: RawMessage) -> None:
         """Publish a message, unless ``stop`` is set.
 
-        A message that the middleware refuses is dropped, for example if its bytes are not a message of the topic's
-        type. The first one of each topic is logged.
+        A message that the middleware refuses is dropped, for example if it is longer than its type allows. The first
+        one of each topic is logged.
         """
         name, publisher = message.topic, self._publishers[message.topic]
         if self._depth:

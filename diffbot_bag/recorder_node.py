@@ -151,7 +151,7 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
             self.health.accepted[topic.name] = topic.received
             if topic.losses.lost:
                 self.health.dropped[topic.name, "lost"] = topic.losses.lost
-            else:  # the counter subtracts a suspected gap if it was none
+            else:  # the counter may have subtracted a suspected gap
                 self.health.dropped.pop((topic.name, "lost"), None)
         if has_changed or self._matched() != self._last_matched:
             self._publish_status()
@@ -244,7 +244,10 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         self._publish_status()
 
     def _matched(self) -> tuple[str, ...]:
-        """Return the topics with a matched publisher. Wait for a second check: then the publisher is matched, too."""
+        """Return the topics with a matched publisher.
+
+        A topic counts from its second check on, since a publisher is matched later than the subscription.
+        """
         return tuple(sorted(one.name for one in self._topics.values() if one.checks > 1 and one.publisher_count()))
 
     def _lost(self) -> int:

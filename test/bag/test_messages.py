@@ -72,7 +72,7 @@ def test_make_sets_given_fields_and_zeros_the_others():
     array = make("std_msgs/msg/Float64MultiArray", layout={"dim": [{"label": "a"}, {"size": 7}]}, data=[1, 2.5])
     assert [(one.label, one.size) for one in array.layout.dim] == [("a", 0), ("", 7)]
     assert array.data.tolist() == [1.0, 2.5]
-    with pytest.raises(DiffbotError, match=r"Odometry has no field child$"):
+    with pytest.raises(DiffbotError, match=r"Odometry does not have a field child$"):
         make(ODOMETRY, child="base_link")
 
 
