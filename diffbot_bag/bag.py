@@ -181,7 +181,11 @@ class BagReader:
         earliest, latest = 0 if start is None else start, MAX_TIME if end is None else end
         # Topic by channel of each file, for the selected topics.
         selected = [
-            {number: one.topic for number, one in index.channels.items() if names is None or one.topic in names}
+            {
+                number: channel.topic
+                for number, channel in index.channels.items()
+                if names is None or channel.topic in names
+            }
             for index in self._indexes
         ]
 
@@ -191,27 +195,23 @@ class BagReader:
 
         sign = -1 if reverse else 1
 
-        def block_begin(block: Block) -> int:
+        def first_time(block: Block) -> int:
             return -block.end if reverse else block.start
 
-        blocks = sorted([block for block in self._blocks if is_needed(block)], key=block_begin)
-        # Messages with the key by which they are sorted: log time, then position in the bag.
-        waiting: list[tuple[tuple[int, ...], RawMessage]] = []
+        blocks = sorted([block for block in self._blocks if is_needed(block)], key=first_time)
+        # Each message follows its sort key: log time, file, position of the block and position in the block.
+        waiting: list[tuple[int, int, int, int, RawMessage]] = []
         for block, following in zip_longest(blocks, blocks[1:]):
-            topic_of_channel = selected[block.file]
-            position = sign * block.file, sign * block.offset
-            waiting += [
-                (
-                    (sign * one.log_time, *position, sign * index),
-                    RawMessage(topic, one.data, one.log_time, one.publish_time, one.sequence),
-                )
-                for index, one in enumerate(read_block(self._stream(block.file), self.files[block.file], block))
-                if (topic := topic_of_channel.get(one.channel_id)) is not None and earliest <= one.log_time <= latest
-            ]
+            topic_of_channel, file, offset = selected[block.file], sign * block.file, sign * block.offset
+            for index, record in enumerate(read_block(self._stream(block.file), self.files[block.file], block)):
+                topic = topic_of_channel.get(record.channel_id)
+                if topic is not None and earliest <= record.log_time <= latest:
+                    message = RawMessage(topic, record.data, record.log_time, record.publish_time, record.sequence)
+                    waiting.append((sign * record.log_time, file, offset, sign * index, message))
             waiting.sort()
             # Blocks may overlap in time: a message that is not earlier than the next block waits for that block.
-            count = bisect.bisect_left(waiting, ((block_begin(following),),)) if following else len(waiting)
-            yield from (message for _, message in waiting[:count])
+            count = bisect.bisect_left(waiting, (first_time(following),)) if following else len(waiting)
+            yield from (row[-1] for row in waiting[:count])
             del waiting[:count]
 
     def attachment(self, name: str) -> bytes | None:

@@ -61,7 +61,7 @@ class LatchedRows:
         if self.publishers <= 1:
             self.rows = [row]
             return
-        before = [one for one in self.rows if one[4] == row[4] - 1 and row[4] > 0]
+        before = [kept for kept in self.rows if kept[4] == row[4] - 1 and row[4] > 0]
         if len(before) == 1:
             self.rows.remove(before[0])
         self.rows.append(row)
@@ -218,8 +218,8 @@ class BagFiles:
 
     def _write_metadata(self, *, durable: bool) -> None:
         files, counts = [file for file, _ in self._finished], self._counts.copy()
-        for _, one in self._finished:
-            counts.update(one)
+        for _, finished_counts in self._finished:
+            counts.update(finished_counts)
         if self._stream is not None:
             files.append(self._information())
         text = metadata.to_yaml(self._metadata(files, counts))

@@ -168,7 +168,9 @@ def check_bag(contract: BagContract, info: BagInfo, nis_inside: Mapping[str, flo
     measures: dict[str, Value] = {"duration": info.duration / NS_PER_S, "lost": info.lost}
     results = list(_results(BAG, contract.bag, BagRules, measures))
     if contract.bag.get("only_these_topics"):
-        others = [shown(one.name) for one in info.topics if one.message_count and one.name not in contract.topics]
+        others = [
+            shown(topic.name) for topic in info.topics if topic.message_count and topic.name not in contract.topics
+        ]
         found = ", ".join(others[:5]) + (f" and {len(others) - 5} more" if len(others) > 5 else "")
         results.append(RuleResult(BAG, "only_these_topics", not others, found or "no other topic", "no other topic"))
     topics = {topic.name: topic for topic in info.topics}
@@ -204,7 +206,7 @@ def _results(
     kind: type[BagRules] | type[TopicRules],
     measures: Mapping[str, Value],
 ) -> Iterator[RuleResult]:
-    units = {one.name: one.spec.unit for one in parameters_of(kind)}
+    units = {parameter.name: parameter.spec.unit for parameter in parameters_of(kind)}
     for rule, bound in bounds.items():
         # The bound `false` allows both values.
         if rule in ("required", "only_these_topics") or bound is False:

@@ -75,7 +75,8 @@ def message_class(type_name: str) -> Any:
         origin = getattr(importlib.util.find_spec(package), "origin", None) if prefixes else None
         # Accept the path and the target of a link: `colcon build --symlink-install` installs links.
         places = [Path(origin), Path(origin).resolve()] if origin else []
-        if not any(place.is_relative_to(root) for place in places for one in prefixes for root in (one, one.resolve())):
+        roots = [*prefixes, *(prefix.resolve() for prefix in prefixes)]
+        if not any(place.is_relative_to(root) for place in places for root in roots):
             raise ImportError("not an installed package with interfaces")
         found = getattr(importlib.import_module(f"{package}.{kind}"), name)
         # Load the C library of the class, which may be missing.

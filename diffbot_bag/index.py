@@ -111,7 +111,7 @@ def _from_summary(stream: BinaryIO, size: int, number: int) -> Index | None:
         for chunk in chunks
         if chunk.uncompressed_size
     ]
-    attachments = {one.name: one.offset for one in summary.attachment_indexes}
+    attachments = {attachment.name: attachment.offset for attachment in summary.attachment_indexes}
     return Index(summary.schemas, summary.channels, counts, blocks, attachments)
 
 
@@ -168,7 +168,7 @@ def read_block(stream: BinaryIO, path: Path, block: Block) -> list[Message]:
         DiffbotError: if the file is damaged.
     """
     with _reading(path):
-        messages = [one for one in _records(stream, block.offset, block.stop) if isinstance(one, Message)]
+        messages = [record for record in _records(stream, block.offset, block.stop) if isinstance(record, Message)]
         if not messages:
             raise McapError("a block of the index has no messages")
         return messages

@@ -135,7 +135,7 @@ class BagInfo(NamedTuple):
 
 def _larger(first: int | None, second: int | None) -> int | None:
     """Return the larger of two numbers that may be unknown."""
-    return max((one for one in (first, second) if one is not None), default=None)
+    return max((number for number in (first, second) if number is not None), default=None)
 
 
 def info_of(
@@ -185,7 +185,7 @@ def info_of(
         end=reader.end,
         topics=tuple(topics),
         recorder_lost=lost,
-        jumps=_jumps([one.times for one in columns.values()]),
+        jumps=_jumps([column.times for column in columns.values()]),
     )
 
 
@@ -248,7 +248,9 @@ def _missing(sequences: array[int], publishers: int) -> int:
 
 def _jumps(all_times: list[array[int]]) -> tuple[tuple[int, int], ...]:
     """Return the log times before and after each time longer than GAP without messages."""
-    times = np.sort(np.concatenate([np.array(one, np.int64) for one in all_times])) if all_times else np.zeros(0)
+    if not all_times:
+        return ()
+    times = np.sort(np.concatenate([np.array(topic_times, np.int64) for topic_times in all_times]))
     at = np.flatnonzero(np.diff(times) > GAP)
     return tuple((int(times[index]), int(times[index + 1])) for index in at)
 

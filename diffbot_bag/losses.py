@@ -55,11 +55,11 @@ class LossCounter:
 
     def _note(self, number: int) -> None:
         sequences = self._sequences
-        sequence = next((one for one in sequences if one.last == number - 1), None)
+        sequence = next((known for known in sequences if known.last == number - 1), None)
         if sequence is None:
             self.note_publishers()
-            earlier = [one for one in sequences if one.last < number]
-            sequence = max(earlier, key=lambda one: one.last, default=None)
+            earlier = [known for known in sequences if known.last < number]
+            sequence = max(earlier, key=lambda known: known.last, default=None)
             if sequence is None or len(sequences) < self.publishers:
                 self._begin(number, sequence)
                 return
@@ -73,7 +73,7 @@ class LossCounter:
     def _begin(self, number: int, origin: _Sequence | None) -> None:
         """Begin a sequence. If each publisher has one, replace the one with the lowest number: its publisher left."""
         if len(self._sequences) >= self.publishers:
-            lowest = min(self._sequences, key=lambda one: one.last)
+            lowest = min(self._sequences, key=lambda known: known.last)
             lowest.last, lowest.origin = number, None
             for other in self._sequences:
                 if other.origin is lowest:

@@ -112,4 +112,4 @@ def _value(store: Typestore, kind: Any, given: Any) -> Any:
     if element[0] == Nodetype.BASE and element[1][0] != "string":
         dtype = {"byte": "uint8", "char": "uint8"}.get(element[1][0], element[1][0])
         return np.zeros(count, dtype) if given is None else np.asarray(given, dtype)
-    return [_value(store, element, one) for one in ([None] * count if given is None else given)]
+    return [_value(store, element, item) for item in ([None] * count if given is None else given)]

@@ -70,7 +70,7 @@ class NodeParameters:
     def _request_parameters(self, name: str) -> Generator[None, None, None]:
         """Request the names and then the values of a node's parameters; yield while waiting for an answer."""
         if name == self._node.get_fully_qualified_name():
-            self._add(name, {one: found.value for one, found in self._node.get_parameters_by_prefix("").items()})
+            self._add(name, {key: found.value for key, found in self._node.get_parameters_by_prefix("").items()})
             return
         clients: list[Any] = []
         try:
@@ -133,4 +133,4 @@ def _plain(value: Any) -> Any:
         return value
     if isinstance(value, bytes):
         return value.hex()
-    return [_plain(one) for one in value]
+    return [_plain(item) for item in value]

@@ -304,7 +304,7 @@ class Player:
                 if is_gap and not is_reported and due is not None and due - now > NS_PER_S:
                     is_reported = True
                     self._sink.report_gap(previous, log_time)
-                target = min((one for one in (tick, due) if one is not None), default=None)
+                target = min((deadline for deadline in (tick, due) if deadline is not None), default=None)
                 if target is None or target - now > COARSE:
                     self._clock.wait(self._changed, None if target is None else target - now - COARSE // 2)
                     continue

@@ -146,7 +146,7 @@ def to_offer(recorded: Sequence[Qos]) -> Qos:
     return Qos(
         history="keep_last",
         depth=max(depth, len(recorded)) if latched else max(depth, QUEUE_DEPTH),
-        reliability="best_effort" if all(one.reliability == "best_effort" for one in recorded) else "reliable",
+        reliability="best_effort" if all(offer.reliability == "best_effort" for offer in recorded) else "reliable",
         durability="transient_local" if latched else "volatile",
         deadline=agreed.deadline,
         lifespan=agreed.lifespan,
@@ -193,6 +193,6 @@ def _override(plain: Any) -> Qos:
     for name, policies in _POLICIES.items():
         # Only discovery reports or resolves these; an endpoint cannot be created with them.
         if (value := getattr(qos, name)) in ("unknown", "best_available"):
-            allowed = [one for one in policies if one not in ("unknown", "best_available")]
+            allowed = [policy for policy in policies if policy not in ("unknown", "best_available")]
             raise InvalidValueError(name, value, f"one of {', '.join(allowed)}")
     return qos

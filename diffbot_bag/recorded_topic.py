@@ -73,7 +73,7 @@ class RecordedTopic:
         before, self.unmatched = self.unmatched, {}
         if self._node.count_publishers(self.name) > self.publisher_count():
             publishers = self._node.get_publishers_info_by_topic(self.name)
-            reasons = ((full_name(one), self._mismatch(one)) for one in publishers)
+            reasons = ((full_name(publisher), self._mismatch(publisher)) for publisher in publishers)
             self.unmatched = {name: reason for name, reason in reasons if reason}
         new = {name: reason for name, reason in self.unmatched.items() if before.get(name) != reason}
         is_weaker = any(reason in (_BEST_EFFORT, _VOLATILE) for reason in new.values()) and self._weaken()
@@ -102,7 +102,7 @@ class RecordedTopic:
         Messages that are sent between the two subscriptions are lost, and counted as lost.
         """
         publishers = self._node.get_publishers_info_by_topic(self.name)
-        offered = offers([one for one in publishers if one.topic_type == self.type_name])
+        offered = offers([publisher for publisher in publishers if publisher.topic_type == self.type_name])
         request = to_request((*offered, self.request))
         if self.fixed or request == self.request:
             return False

@@ -248,7 +248,9 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
 
         A topic counts from its second check on, since a publisher is matched later than the subscription.
         """
-        return tuple(sorted(one.name for one in self._topics.values() if one.checks > 1 and one.publisher_count()))
+        return tuple(
+            sorted(topic.name for topic in self._topics.values() if topic.checks > 1 and topic.publisher_count())
+        )
 
     def _lost(self) -> int:
         return self._unwritten + sum(topic.losses.lost for topic in self._topics.values())

@@ -160,7 +160,7 @@ class BagWriter:
             schema, type_hash = schema or known_schema, type_hash or known_hash
         topic = Topic(name, type_name, type_hash, tuple(qos), 0, encoding)
         self._channels += 1
-        if any(one.is_latched for one in topic.qos):
+        if any(offer.is_latched for offer in topic.qos):
             self._files.latched[self._channels] = LatchedRows(len(topic.qos))
         self._run(partial(self._files.add_channel, topic, schema))
         return self._channels

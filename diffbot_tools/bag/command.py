@@ -72,18 +72,18 @@ def _check(options: argparse.Namespace) -> int:
     contract = read_contract(options.contract.expanduser())
     with open_bag(options.bag, decodes=False) as reader, _bar("check", reader.message_count) as progress:
         results = check_bag(contract, info_of(reader, progress=progress), nis_shares(reader))
-    failed = sum(not one.passed for one in results)
+    failed = sum(not result.passed for result in results)
     if options.json:
         plain = {
             "schema_version": 1,
             "bag": str(options.bag),
             "contract": str(options.contract),
             "passed": not failed,
-            "results": [one._asdict() for one in results],
+            "results": [result._asdict() for result in results],
         }
         print(json.dumps(plain, indent=1))
     else:
-        print(*(one.line() for one in results), f"{len(results) - failed} of {len(results)} rules hold", sep="\n")
+        print(*(result.line() for result in results), f"{len(results) - failed} of {len(results)} rules hold", sep="\n")
     return 1 if failed else 0
 
 
@@ -166,7 +166,7 @@ def _filter(options: argparse.Namespace) -> int:
     types = options.types
     with _open_bags([options.bag]) as bags:
         known = {*bags.topics, *(topic.type for topic in bags.topics.values())}
-        if missing := [one for one in (*options.topics, *types) if one not in known]:
+        if missing := [name for name in (*options.topics, *types) if name not in known]:
             raise DiffbotError(shown(f"{missing[0]} is not in the bag, which contains {', '.join(sorted(known))}"))
         return _cut(
             bags,

@@ -36,10 +36,10 @@ def share_of_statuses(messages: Iterable[Any]) -> float | None:
     """Return the share for messages of ``ekf/status``, each of which has a mean NIS and its bounds."""
     inside = []
     for message in messages:
-        values = {one.key: one.value for one in message.values}
+        values = {pair.key: pair.value for pair in message.values}
         words = [values.get("NIS per number", ""), *values.get("NIS 95 % bounds", "").split(" ")]
         try:
-            nis, low, high = (float(one.split()[0]) for one in words)
+            nis, low, high = (float(word.split()[0]) for word in words)
         except (ValueError, IndexError):
             continue
         if not math.isnan(nis) and low <= high:
@@ -51,7 +51,8 @@ def share_of_windows(messages: Iterable[Any]) -> float | None:
     """Return the share for messages of ``ekf/nis`` in a refiltered bag, averaged over windows of measurements."""
     used = []
     for message in messages:
-        if tuple(one.label for one in message.layout.dim) != NIS_LABELS or len(message.data) != len(NIS_LABELS):
+        labels = tuple(dimension.label for dimension in message.layout.dim)
+        if labels != NIS_LABELS or len(message.data) != len(NIS_LABELS):
             continue
         nis, numbers, accepted = message.data
         if accepted and 1 <= numbers <= _MAX_NUMBERS:

@@ -139,8 +139,8 @@ def repair_text(out: Path, repaired: Repaired) -> str:
         for name in repaired.without_index
     ]
     lines += [
-        f"{shown(one.file)}: lost: {one.size} damaged bytes, {_place(one, bag.start)}"
-        for one in repaired.damages[:MAX_LISTED]
+        f"{shown(damage.file)}: lost: {damage.size} damaged bytes, {_place(damage, bag.start)}"
+        for damage in repaired.damages[:MAX_LISTED]
     ]
     if len(repaired.damages) > MAX_LISTED:
         lines.append(f"lost: {len(repaired.damages) - MAX_LISTED} more damaged places")
