@@ -9,7 +9,7 @@ import bisect
 import functools
 import heapq
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from itertools import zip_longest
 from os import PathLike
 from pathlib import Path
@@ -177,17 +177,8 @@ class BagReader:
             end: [ns] latest log time, included.
             reverse: iterate from the latest message to the earliest.
         """
-        names = None if topics is None else frozenset(topics)
+        selected = self._topics_by_channel(self.topics if topics is None else frozenset(topics))
         earliest, latest = 0 if start is None else start, MAX_TIME if end is None else end
-        # Topic by channel of each file, for the selected topics.
-        selected = [
-            {
-                number: channel.topic
-                for number, channel in index.channels.items()
-                if names is None or channel.topic in names
-            }
-            for index in self._indexes
-        ]
 
         def is_needed(block: Block) -> bool:
             is_within = block.start <= latest and block.end >= earliest
@@ -214,12 +205,15 @@ class BagReader:
             yield from (row[-1] for row in waiting[:count])
             del waiting[:count]
 
-    def attachment(self, name: str) -> bytes | None:
-        """Return the data of the newest attachment with this name, such as ``parameters.json``; None if there is none.
+    def _topics_by_channel(self, names: Container[str]) -> list[dict[int, str]]:
+        """Return a map of channels to selected topics for each file."""
+        return [
+            {number: channel.topic for number, channel in index.channels.items() if channel.topic in names}
+            for index in self._indexes
+        ]
 
-        Raises:
-            DiffbotError: if the file is damaged.
-        """
+    def attachment(self, name: str) -> bytes | None:
+        """Return the data of the newest attachment with a name, such as ``parameters.json``; None if there is none."""
         for number, index in reversed([*enumerate(self._indexes)]):
             if name in index.attachments:
                 return read_attachment(self._stream(number), self.files[number], index.attachments[name])

@@ -1,6 +1,7 @@
 """Read one MCAP file of a bag: its index, and its messages block by block.
 
-The index is read from the summary at the end of the file. A file without a summary is scanned.
+The index is read from the summary at the end of the file. A file without a summary is scanned. All functions raise a
+DiffbotError if the file is damaged.
 """
 
 from __future__ import annotations
@@ -162,11 +163,7 @@ def _has_end(stream: BinaryIO, size: int) -> bool:
 
 
 def read_block(stream: BinaryIO, path: Path, block: Block) -> list[Message]:
-    """Return the messages of a block in the order of the file; ``path`` is named in errors.
-
-    Raises:
-        DiffbotError: if the file is damaged.
-    """
+    """Return the messages of a block in the order of the file; ``path`` is named in errors."""
     with _reading(path):
         messages = [record for record in _records(stream, block.offset, block.stop) if isinstance(record, Message)]
         if not messages:
@@ -175,11 +172,7 @@ def read_block(stream: BinaryIO, path: Path, block: Block) -> list[Message]:
 
 
 def read_attachment(stream: BinaryIO, path: Path, offset: int) -> bytes:
-    """Return the data of the attachment at an offset [bytes]; ``path`` is named in errors.
-
-    Raises:
-        DiffbotError: if the file is damaged.
-    """
+    """Return the data of the attachment at an offset [bytes]; ``path`` is named in errors."""
     with _reading(path):
         attachment = next(_records(stream, offset, offset))
         if not isinstance(attachment, Attachment):
