@@ -1,12 +1,11 @@
-"""Bags of a run: record, read and replay rosbag2 MCAP bags.
+"""Record, read, check, cut, repair and replay rosbag2 MCAP bags.
 
-Conventions, stated once:
+Conventions:
 
-- Times are integers [ns]: ``log_time`` is the time of reception (simulated time, if that is in use), ``publish_time``
-  the time of sending. The time of a bag is its ``log_time``.
-- A message is recorded, cut and replayed as the bytes received (CDR). `messages` decodes it for reports.
-- Quality of service has the words of rosbag2 (:class:`diffbot_bag.qos.Qos`).
+- Times are integers in [ns]. ``log_time`` is the time of reception, in simulated time if that is used.
+  ``publish_time`` is the time of sending. Messages are ordered by ``log_time``.
+- Messages are recorded, cut and replayed as CDR bytes. Only :mod:`diffbot_bag.messages` decodes them.
+- QoS policies have the names of rosbag2, see :class:`diffbot_bag.qos.Qos`.
 
-Only the nodes and the modules that they alone import (conversions, node_parameters, publications, recorded_topic)
-import ROS.
+Only the nodes and the modules conversions, node_parameters, publications and recorded_topic import ROS.
 """

@@ -1,6 +1,6 @@
 """Read rosbag2 MCAP bags: topics, raw messages in the order of log time, and decoded messages; several bags as one.
 
-A bag whose recorder was killed is read up to its last whole record: instead of the missing index, the file is scanned.
+If the recorder of a bag was killed, its last file has no index. That file is scanned up to its last whole record.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import bisect
 import functools
 import heapq
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from itertools import zip_longest
 from os import PathLike
 from pathlib import Path
@@ -18,9 +18,9 @@ from typing import Any, BinaryIO, NamedTuple
 from mcap.records import Channel, Schema
 
 from diffbot_bag.index import MAX_TIME, Block, read_attachment, read_block, read_index
-from diffbot_bag.metadata import FILE_NAME, BagMetadata, Topic, inside
+from diffbot_bag.metadata import FILE_NAME, BagMetadata, Topic, path_inside
 from diffbot_bag.metadata import read as read_metadata
-from diffbot_bag.qos import INFINITE, Qos, load_profiles
+from diffbot_bag.qos import INFINITE, load_profiles
 from diffbot_core.errors import DiffbotError, InvalidValueError, shown
 from diffbot_core.files import open_regular
 
@@ -32,13 +32,13 @@ QOS_KEY, HASH_KEY = "offered_qos_profiles", "topic_type_hash"
 """rosbag2's keys in the metadata of an MCAP channel."""
 
 Parameters = dict[str, dict[str, Any]]
-"""Value by name of the parameter, by full name of the node."""
+"""Parameter values by node (full name) and by parameter name."""
 
-_profiles_of = functools.lru_cache(maxsize=256)(load_profiles)
+_load_profiles = functools.lru_cache(maxsize=256)(load_profiles)
 
 
 class RawMessage(NamedTuple):
-    """A message as it was recorded; times in [ns]."""
+    """A recorded message as bytes; times in [ns]."""
 
     topic: str
     data: bytes
@@ -48,7 +48,7 @@ class RawMessage(NamedTuple):
 
 
 class DecodedMessage(NamedTuple):
-    """A message with its fields as attributes of ``content``; times in [ns]."""
+    """A recorded message with its fields as attributes of ``content``; times in [ns]."""
 
     topic: str
     content: Any
@@ -59,14 +59,14 @@ class DecodedMessage(NamedTuple):
 class BagReader:
     """An open bag: a folder of rosbag2 or one MCAP file. Close it, or use it in a ``with`` statement.
 
-    All methods that read raise a DiffbotError of one line if a file is damaged.
+    Every method that reads raises a DiffbotError if a file is damaged.
     """
 
     def __init__(self, path: str | PathLike[str]) -> None:
         """Read the index of each file of the bag.
 
         Args:
-            path: folder or file; files outside of the folder are not read, whatever its metadata name.
+            path: folder or file. Files outside the folder are refused, even if its metadata name them.
 
         Raises:
             DiffbotError: if the bag is missing, not a rosbag2 MCAP bag, damaged or empty, or a topic has two types.
@@ -76,7 +76,7 @@ class BagReader:
         self._open: tuple[int, BinaryIO] | None = None
         try:
             self.path = self.path.expanduser()
-            self.files = self._file_paths()
+            self.files = self._find_files()
         except (OSError, RuntimeError) as error:  # a name that is too long; the home of an unknown user
             raise DiffbotError(f"no bag {shown(path)}: {getattr(error, 'strerror', None) or error}") from error
         self._indexes = [read_index(file, number) for number, file in enumerate(self.files)]
@@ -84,15 +84,15 @@ class BagReader:
         self.topics: dict[str, Topic] = {}
         for index in self._indexes:
             for number, channel in index.channels.items():
-                schema, count = index.schemas.get(channel.schema_id), index.counts.get(number, 0)
-                _merge_topic(self.topics, topic_of(channel, schema, count), self.path)
+                topic = topic_of(channel, index.schemas.get(channel.schema_id), index.counts.get(number, 0))
+                self.topics[topic.name] = _with_count(self.topics.get(topic.name), topic, self.path)
         self.message_count = sum(topic.message_count for topic in self.topics.values())
         # [ns] log times of the first and last message; 0 for a bag without messages
         self.start = min((block.start for block in self._blocks), default=0)
         self.end = max((block.end for block in self._blocks), default=0)
 
-    def _file_paths(self) -> tuple[Path, ...]:
-        """Return the files of the bag, and read its metadata."""
+    def _find_files(self) -> tuple[Path, ...]:
+        """Return the files of the bag; read its metadata."""
         if "\0" in str(self.path) or not self.path.exists():
             raise DiffbotError(f"no bag {shown(self.path)}: no such file or folder")
         if not self.path.is_dir():
@@ -104,7 +104,7 @@ class BagReader:
             names = sorted(file.name for file in self.path.glob("*.mcap"))
         if not names:
             raise DiffbotError(f"no bag in {self.path}: neither {FILE_NAME} nor an MCAP file")
-        return tuple(inside(self.path, name) for name in dict.fromkeys(names))
+        return tuple(path_inside(self.path, name) for name in dict.fromkeys(names))
 
     def __enter__(self) -> BagReader:
         """Return the reader itself."""
@@ -115,12 +115,13 @@ class BagReader:
         self.close()
 
     def close(self) -> None:
-        """Close the file that was read last; no other file is open."""
+        """Close the bag."""
         if self._open is not None:
             self._open[1].close()
             self._open = None
 
     def _stream(self, number: int) -> BinaryIO:
+        """Open a file of the bag and close the previous one, since a bag may have more files than may be open."""
         if self._open is None or self._open[0] != number:
             self.close()
             self._open = number, open_regular(self.files[number])
@@ -128,23 +129,23 @@ class BagReader:
 
     @property
     def warning(self) -> str:
-        """One line about a bag that was not finished; empty for a complete one."""
-        both = zip(self.files, self._indexes, strict=True)
-        found = [f"{file.name} has {index.unfinished}" for file, index in both if index.unfinished]
+        """One line that describes why the bag is unfinished; empty for a complete bag."""
+        files = zip(self.files, self._indexes, strict=True)
+        reasons = [f"{file.name} has {index.unfinished}" for file, index in files if index.unfinished]
         if self.path.is_dir() and self.metadata is None:
-            found.append(f"{FILE_NAME} is missing")
-        if not found:
+            reasons.append(f"{FILE_NAME} is missing")
+        if not reasons:
             return ""
-        return shown(f"{self.path} is unfinished: {'; '.join(found)} (`diffbot bag repair` writes a complete one)")
+        return shown(f"{self.path} is unfinished: {'; '.join(reasons)} (`diffbot bag repair` writes a complete one)")
 
     @property
     def custom_data(self) -> Mapping[str, str]:
-        """Notes of the recorder in metadata.yaml, such as its losses; empty without any."""
+        """Notes of the recorder in metadata.yaml, such as the number of lost messages."""
         return self.metadata.custom_data if self.metadata else {}
 
     @property
     def schemas(self) -> dict[str, Schema | None]:
-        """MCAP's schema of each topic; None for a topic without one."""
+        """MCAP schema by topic; None for a topic without one."""
         return {
             channel.topic: index.schemas.get(channel.schema_id)
             for index in reversed(self._indexes)
@@ -153,7 +154,7 @@ class BagReader:
 
     @property
     def definitions(self) -> dict[str, str]:
-        """Message definition (the .msg text and those it needs) of each CDR topic that has one."""
+        """Message definition by CDR topic: the .msg text, followed by the texts of nested types."""
         return {
             name: schema.data.decode("utf-8", "replace")
             for name, schema in self.schemas.items()
@@ -168,65 +169,61 @@ class BagReader:
         *,
         reverse: bool = False,
     ) -> Iterator[RawMessage]:
-        """Iterate over the bytes in the order of log time.
+        """Iterate over the messages as bytes, in the order of log time, then in the order of the files.
 
         Args:
             topics: names to keep; None for all.
-            start: [ns] earliest log time, itself included.
-            end: [ns] latest log time, itself included.
-            reverse: latest first.
+            start: [ns] earliest log time, included.
+            end: [ns] latest log time, included.
+            reverse: iterate from the latest message to the earliest.
         """
-        names = None if topics is None else frozenset(topics)
+        selected = self._topics_by_channel(self.topics if topics is None else frozenset(topics))
         earliest, latest = 0 if start is None else start, MAX_TIME if end is None else end
-        chosen = [
-            {number: one.topic for number, one in index.channels.items() if names is None or one.topic in names}
-            for index in self._indexes
-        ]
 
         def is_needed(block: Block) -> bool:
             is_within = block.start <= latest and block.end >= earliest
-            return is_within and not (block.channels and block.channels.isdisjoint(chosen[block.file]))
+            return is_within and not (block.channels and block.channels.isdisjoint(selected[block.file]))
 
         sign = -1 if reverse else 1
 
-        def begin(block: Block) -> int:
+        def first_time(block: Block) -> int:
             return -block.end if reverse else block.start
 
-        def due(message: RawMessage) -> int:
-            return sign * message.log_time
-
-        blocks = sorted([one for one in self._blocks if is_needed(one)][::sign], key=begin)
-        waiting: list[RawMessage] = []
+        blocks = sorted([block for block in self._blocks if is_needed(block)], key=first_time)
+        # Each message follows its sort key: log time, file, position of the block and position in the block.
+        waiting: list[tuple[int, int, int, int, RawMessage]] = []
         for block, following in zip_longest(blocks, blocks[1:]):
-            topic_of_channel = chosen[block.file]
-            found = [
-                RawMessage(topic, one.data, one.log_time, one.publish_time, one.sequence)
-                for one in read_block(self._stream(block.file), self.files[block.file], block)
-                if (topic := topic_of_channel.get(one.channel_id)) is not None and earliest <= one.log_time <= latest
-            ]
-            waiting += found[::sign]
-            waiting.sort(key=due)
-            # A message that is older than all blocks that follow is complete; the rest waits.
-            complete = bisect.bisect_left(waiting, begin(following), key=due) if following else len(waiting)
-            yield from waiting[:complete]
-            del waiting[:complete]
+            topic_of_channel, file, offset = selected[block.file], sign * block.file, sign * block.offset
+            for index, record in enumerate(read_block(self._stream(block.file), self.files[block.file], block)):
+                topic = topic_of_channel.get(record.channel_id)
+                if topic is not None and earliest <= record.log_time <= latest:
+                    message = RawMessage(topic, record.data, record.log_time, record.publish_time, record.sequence)
+                    waiting.append((sign * record.log_time, file, offset, sign * index, message))
+            waiting.sort()
+            # Blocks may overlap in time: a message that is not earlier than the next block waits for that block.
+            count = bisect.bisect_left(waiting, (first_time(following),)) if following else len(waiting)
+            yield from (row[-1] for row in waiting[:count])
+            del waiting[:count]
+
+    def _topics_by_channel(self, names: Container[str]) -> list[dict[int, str]]:
+        """Return a map of channels to selected topics for each file."""
+        return [
+            {number: channel.topic for number, channel in index.channels.items() if channel.topic in names}
+            for index in self._indexes
+        ]
 
     def attachment(self, name: str) -> bytes | None:
-        """Return the data of the newest attachment of a name, such as ``parameters.json``; None without one.
-
-        Raises:
-            DiffbotError: if the file is damaged.
-        """
+        """Return the data of the newest attachment with a name, such as ``parameters.json``; None if there is none."""
         for number, index in reversed([*enumerate(self._indexes)]):
             if name in index.attachments:
                 return read_attachment(self._stream(number), self.files[number], index.attachments[name])
         return None
 
     def node_parameters(self) -> Parameters:
-        """Return the parameters of all nodes, as they were when recording began; empty if they were not recorded.
+        """Return the recorded parameters of all nodes; empty if they were not recorded.
 
         Raises:
-            DiffbotError: if the attachment is not what the recorder writes.
+            DiffbotError: if the attachment is not a map of nodes to their parameters.
         """
         data = self.attachment(PARAMETERS)
         if data is None:
@@ -240,10 +237,10 @@ class BagReader:
         return content
 
     def latched_before(self, time: int, topics: Iterable[str]) -> list[RawMessage]:
-        """Return the messages that a late subscriber of latched topics would receive at ``time`` [ns], oldest first.
+        """Return the latched messages that a late subscriber would receive at ``time`` [ns], oldest first.
 
-        A message does not name its publisher, so one message is returned for each latched publisher of a topic, unless
-        its lifespan is over.
+        Each latched publisher of a topic keeps one message until its lifespan is over. Messages do not name their
+        publisher, so the newest messages of the topic are returned, one for each latched publisher.
         """
         known = [self.topics[name] for name in topics if name in self.topics]
         offers = {topic.name: [qos for qos in topic.qos if qos.is_latched] for topic in known}
@@ -261,24 +258,24 @@ class BagReader:
     def decoded(
         self, topics: Iterable[str] | None = None, start: int | None = None, end: int | None = None
     ) -> Iterator[DecodedMessage]:
-        """Iterate over decoded messages in the order of log time; arguments as for :meth:`messages`.
+        """Iterate over decoded messages in the order of log time. The arguments are the same as for :meth:`messages`.
 
         Raises:
             DiffbotError: if a topic is not encoded in CDR, a message cannot be decoded, or a file is damaged.
         """
-        # rosbags takes longer to load than many a command on a bag.
+        # Importing rosbags takes longer than many commands on a bag.
         from diffbot_bag.messages import decode  # noqa: PLC0415
 
         definitions = self.definitions
-        for topic, data, log_time, publish_time, _ in self.messages(topics, start, end):
-            known = self.topics[topic]
-            if known.encoding != CDR:
-                raise DiffbotError(f"{self.path}: {shown(topic)} is encoded as {shown(known.encoding)}: must be {CDR}")
+        for message in self.messages(topics, start, end):
+            name, topic = message.topic, self.topics[message.topic]
+            if topic.encoding != CDR:
+                raise DiffbotError(f"{self.path}: {shown(name)} is encoded as {shown(topic.encoding)}: must be {CDR}")
             try:
-                content = decode(known.type, data, definitions.get(topic))
+                content = decode(topic.type, message.data, definitions.get(name))
             except DiffbotError as error:
-                raise DiffbotError(f"{self.path}: {shown(topic)} at {log_time} ns: {error}") from error
-            yield DecodedMessage(topic, content, log_time, publish_time)
+                raise DiffbotError(f"{self.path}: {shown(name)} at {message.log_time} ns: {error}") from error
+            yield DecodedMessage(name, content, message.log_time, message.publish_time)
 
 
 def topic_of(channel: Channel, schema: Schema | None, message_count: int = 0) -> Topic:
@@ -288,38 +285,38 @@ def topic_of(channel: Channel, schema: Schema | None, message_count: int = 0) ->
         DiffbotError: if its QoS cannot be read.
     """
     try:
-        qos = _profiles_of(channel.metadata.get(QOS_KEY, ""))
+        qos = _load_profiles(channel.metadata.get(QOS_KEY, ""))
     except DiffbotError as error:
         raise DiffbotError(f"{shown(channel.topic)}: {error}") from error
     type_name, type_hash = schema.name if schema else "", channel.metadata.get(HASH_KEY, "")
     return Topic(channel.topic, type_name, type_hash, qos, message_count, channel.message_encoding)
 
 
-def _merge_topic(merged: dict[str, Topic], topic: Topic, place: object, more_qos: tuple[Qos, ...] = ()) -> None:
-    """Add a topic by name, or its count and ``more_qos`` to the topic of that name.
+def _with_count(known: Topic | None, topic: Topic, place: object) -> Topic:
+    """Return the known topic with the message count of ``topic`` added, or ``topic`` if none is known.
 
     Raises:
-        DiffbotError: if the topic has two types or two encodings; ``place`` names the bags.
+        DiffbotError: naming ``place``, if type or encoding differ.
     """
-    known = merged.setdefault(topic.name, topic._replace(message_count=0))
+    if known is None:
+        return topic
     for first, second in ((known.type, topic.type), (known.encoding, topic.encoding)):
         if first != second:
             raise DiffbotError(f"{place}: {shown(topic.name)} is both {shown(first)} and {shown(second)}")
-    count = known.message_count + topic.message_count
-    merged[topic.name] = known._replace(qos=known.qos + more_qos, message_count=count)
+    return known._replace(message_count=known.message_count + topic.message_count)
 
 
 class MergedBags:
-    """Several open bags, read as one. Topics of equal name are one topic. Errors are those of BagReader."""
+    """Several open bags, read as one. Topics with the same name become one topic."""
 
     def __init__(self, paths: Sequence[Path]) -> None:
         """Open the bags.
 
         Args:
-            paths: folders or MCAP files, each once.
+            paths: different folders or MCAP files.
 
         Raises:
-            DiffbotError: if a bag cannot be read, is given twice, or has a topic of another type than an earlier bag.
+            DiffbotError: if a bag cannot be read, is given twice, or has a topic with another type than an earlier bag.
         """
         self.paths = tuple(path.expanduser() for path in paths)
         self.readers: list[BagReader] = []
@@ -329,7 +326,9 @@ class MergedBags:
                 raise InvalidValueError("bags", str(path), sentence="this bag is given twice")
             self.readers.append(BagReader(path))
             for topic in self.readers[-1].topics.values():
-                _merge_topic(self.topics, topic, self, topic.qos if topic.name in self.topics else ())
+                known = self.topics.get(topic.name)
+                merged = _with_count(known, topic, self)
+                self.topics[topic.name] = merged._replace(qos=(known.qos if known else ()) + topic.qos)
         filled = [reader for reader in self.readers if reader.message_count]
         # [ns] log times of the first and last message; 0 without messages
         self.start = min((reader.start for reader in filled), default=0)
@@ -338,7 +337,7 @@ class MergedBags:
 
     @property
     def warnings(self) -> list[str]:
-        """One line about each bag that was not finished."""
+        """One line for each unfinished bag."""
         return [reader.warning for reader in self.readers if reader.warning]
 
     def __str__(self) -> str:
@@ -353,18 +352,18 @@ class MergedBags:
     def messages(
         self, topics: Iterable[str] | None = None, start: int | None = None, end: int | None = None
     ) -> Iterator[RawMessage]:
-        """Iterate over the bytes in the order of log time; arguments as for :meth:`BagReader.messages`.
+        """Iterate over the messages as bytes, in the order of log time; see :meth:`BagReader.messages`.
 
-        Of messages with equal times, those of the bag given first come first.
+        If messages have equal log times, messages of an earlier bag in ``paths`` come first.
         """
         names = None if topics is None else tuple(topics)
         streams = [reader.messages(names, start, end) for reader in self.readers]
         return streams[0] if len(streams) == 1 else heapq.merge(*streams, key=lambda message: message.log_time)
 
     def latched_before(self, time: int, topics: Iterable[str]) -> list[RawMessage]:
-        """Return the messages that a late subscriber would receive of each bag; see :meth:`BagReader.latched_before`.
+        """Return the latched messages of all bags, oldest first; see :meth:`BagReader.latched_before`.
 
-        Those of each bag, since /tf_static of two robots is one topic with two last messages.
+        Each bag adds its own: /tf_static of two robots is one topic with two last messages.
         """
         names = tuple(topics)
         found = [message for reader in self.readers for message in reader.latched_before(time, names)]

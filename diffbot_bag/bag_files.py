@@ -1,4 +1,4 @@
-"""The files of one bag that is written: where each ends, what each begins with, and metadata.yaml."""
+"""Write the MCAP files and the metadata.yaml of one bag, split by size and duration."""
 
 from __future__ import annotations
 
@@ -19,47 +19,49 @@ from diffbot_bag import metadata
 from diffbot_bag.bag import HASH_KEY, QOS_KEY
 from diffbot_bag.metadata import BagMetadata, FileInformation, Topic
 from diffbot_bag.qos import dump_profiles
+from diffbot_core.files import write_text
 
 LIBRARY = "diffbot"
-"""name of the writer in each file; its channels are numbered in the order of the topics in metadata.yaml"""
+"""Name of the writer in the header of each file. It numbers channels in the order of the topics in metadata.yaml."""
 Row = tuple[int, int, bytes, int, int]
 """Channel, log time [ns], data, publish time [ns], sequence number: the arguments of mcap's ``add_message``."""
 _HEAD = struct.Struct("<BQHIQQ")
 """Opcode and length of a record, then channel, sequence number, log time and publish time of a message."""
 _PREFIX = struct.calcsize("<BQ")
-Attached = tuple[str, str, bytes]
+AttachmentFields = tuple[str, str, bytes]
 """Name, media type and data of an attachment."""
 
 
 class FileLimits(NamedTuple):
-    """When a file ends and the next one begins; 0: no limit."""
+    """Limits at which a file ends and the next one begins; 0: no limit."""
 
     max_size: int = 0
-    """[bytes] of a file; the chunk that reaches this size is its last one"""
+    """[bytes] size of a file; the chunk that reaches it is the last chunk of the file"""
     max_duration: int = 0
     """[ns] between the first message of a file and the first message of the next file"""
     max_files: int = 0
-    """files that are kept; the oldest are deleted"""
+    """number of files to keep; the oldest are deleted"""
 
 
 class LatchedRows:
-    """The last message of each publisher of one topic, which a late subscriber would get.
+    """The last message of each publisher of a latched topic, which a late subscriber would receive.
 
-    A message carries its sequence number but not its publisher: a message that follows another by number replaces it,
-    if there is only one such. Where that is ambiguous, both are kept, the older one first, up to twice the publishers.
+    A message has a sequence number but does not name its publisher. A message replaces the kept message with the
+    preceding sequence number, if exactly one has that number. Otherwise it is added, and the oldest messages beyond
+    twice the number of publishers are dropped.
     """
 
     def __init__(self, publishers: int) -> None:
-        """Start empty, for a topic with this many publishers."""
+        """Start without messages."""
         self.publishers = publishers
         self.rows: list[Row] = []
 
     def keep(self, row: Row) -> None:
-        """Keep a message that was just received."""
+        """Add a received message."""
         if self.publishers <= 1:
             self.rows = [row]
             return
-        before = [one for one in self.rows if one[4] == row[4] - 1 and row[4] > 0]
+        before = [kept for kept in self.rows if kept[4] == row[4] - 1 and row[4] > 0]
         if len(before) == 1:
             self.rows.remove(before[0])
         self.rows.append(row)
@@ -67,9 +69,9 @@ class LatchedRows:
 
 
 class BagFiles:
-    """The files of one bag, used by one thread at a time. Each can be read alone: it has all topics and attachments.
+    """The files of one bag. Each file has all topics and attachments, so that it can be read alone.
 
-    Its methods raise OSError, after which only :meth:`abandon` may be called.
+    One thread at a time may use it. The methods raise OSError; after an error, only :meth:`abandon` may be called.
     """
 
     def __init__(
@@ -79,51 +81,51 @@ class BagFiles:
         limits: FileLimits,
         custom_data: Callable[[], Mapping[str, str]],
     ) -> None:
-        """Write into an existing folder; ``custom_data`` returns the notes for metadata.yaml."""
+        """Prepare to write into an existing folder; ``custom_data`` returns the notes for metadata.yaml."""
         self._folder, self._compression, self._limits, self._custom_data = folder, compression, limits, custom_data
         self._stream: BinaryIO | None = None
         self._writer: Any = None
         self._finished: list[tuple[FileInformation, Counter[int]]] = []
         self._counts = Counter[int]()
-        """Messages of the present file by channel."""
-        self._first, self._span = 0, (0, 0)
+        """number of messages in the current file by channel"""
+        self._first_time, self._span = 0, (0, 0)
         self._channels: list[tuple[Topic, Schema | None]] = []
-        self._attachments: dict[str, Attached] = {}
-        self._is_described = True
+        self._attachments: dict[str, AttachmentFields] = {}
+        self._metadata_lists_all_topics = True
         self._number = -1
         self.path = folder
         """the newest file"""
         self.latched: dict[int, LatchedRows] = {}
 
     def begin(self) -> None:
-        """Create the next file with all topics and attachments so far."""
+        """Create the next file, with all topics and attachments added so far."""
         if self._limits.max_files:
             self._delete_oldest(self._limits.max_files - 1)
         self._number += 1
         self.path = self._folder / f"{self._folder.name}_{self._number}.mcap"
         self._stream = self.path.open("xb")
-        # Each batch of messages becomes one chunk, whatever its size.
+        # Each batch of messages becomes one chunk: the writer does not begin chunks by itself.
         self._writer = Writer(self._stream, chunk_size=2**62, compression=self._compression)
         self._writer.start("ros2", LIBRARY)
         for topic, schema in self._channels:
             self._register(topic, schema)
         for attachment in self._attachments.values():
             self._attach(attachment)
-        self._describe(durable=False)
+        self._write_metadata(durable=False)
 
     def _delete_oldest(self, kept: int) -> None:
-        gone = self._finished[: max(len(self._finished) - kept, 0)]
-        self._finished = self._finished[len(gone) :]
-        if gone:
-            # The metadata first: they never name a file that is missing.
-            self._describe(durable=True)
-        for file, _ in gone:
+        surplus = self._finished[: max(len(self._finished) - kept, 0)]
+        self._finished = self._finished[len(surplus) :]
+        if surplus:
+            # Write metadata.yaml first, so that it never names a missing file.
+            self._write_metadata(durable=True)
+        for file, _ in surplus:
             (self._folder / file.name).unlink(missing_ok=True)
 
     def add_channel(self, topic: Topic, schema: Schema | None) -> None:
-        """Add a topic to this file and the next ones."""
+        """Add a topic to the current file and all later files."""
         self._channels.append((topic, schema))
-        self._is_described = False
+        self._metadata_lists_all_topics = False
         if self._stream is not None:
             self._register(topic, schema)
 
@@ -132,58 +134,59 @@ class BagFiles:
         notes = {QOS_KEY: dump_profiles(topic.qos), HASH_KEY: topic.type_hash}
         self._writer.register_channel(topic.name, topic.encoding, number, notes)
 
-    def attach(self, attachment: Attached) -> None:
-        """Add an attachment to this file and the next ones, in place of an earlier one of its name."""
+    def attach(self, attachment: AttachmentFields) -> None:
+        """Add an attachment to the current file and all later files; it replaces an earlier one with its name."""
         self._attachments[attachment[0]] = attachment
         if self._stream is not None:
             self._attach(attachment)
 
-    def _attach(self, attachment: Attached) -> None:
+    def _attach(self, attachment: AttachmentFields) -> None:
         now = time.time_ns()
         self._writer.add_attachment(now, now, *attachment)
 
     def write(self, rows: Sequence[Row]) -> None:
-        """Write a batch of messages to this file, and to next ones where a limit is reached."""
+        """Write a batch of messages; begin a new file where a limit is reached."""
         while rows:
             if self._stream is None:
                 self.begin()
             if not self._counts:
-                self._first = rows[0][1]
-                self._span = self._first, self._first
-                # The latched messages get the time of the first message: an earlier one would stretch the file.
-                head = [row for latched in self.latched.values() for row in latched.rows]
-                self._append([(row[0], self._first, *row[2:]) for row in head])
-            here = len(rows)
+                self._first_time = rows[0][1]
+                self._span = self._first_time, self._first_time
+                # Repeat latched messages with the time of the first message: earlier times would lengthen the file.
+                repeated = [row for latched in self.latched.values() for row in latched.rows]
+                self._append([(row[0], self._first_time, *row[2:]) for row in repeated])
+            count = len(rows)
             if self._limits.max_duration:
-                end = self._first + self._limits.max_duration
-                here = next((index for index, row in enumerate(rows) if row[1] >= end), here)
-            self._append(rows[:here])
-            for row in rows[:here]:
+                end = self._first_time + self._limits.max_duration
+                count = next((index for index, row in enumerate(rows) if row[1] >= end), count)
+            self._append(rows[:count])
+            for row in rows[:count]:
                 if row[0] in self.latched:
                     self.latched[row[0]].keep(row)
-            rows = rows[here:]
+            rows = rows[count:]
             if self._stream and (rows or 0 < self._limits.max_size <= self._stream.tell()):
                 self.end()
 
     def _append(self, rows: Sequence[Row]) -> None:
-        """Write rows as one chunk. The metadata name their topics before, in case that the chunk is damaged later."""
+        """Write rows as one chunk."""
         if not rows:
             return
-        if not self._is_described:
-            self._describe(durable=False)
+        # metadata.yaml lists the topics first: a repair needs it if this chunk is damaged later.
+        if not self._metadata_lists_all_topics:
+            self._write_metadata(durable=False)
         first, last = add_messages(self._writer, rows)
         self._writer.flush()
         self._span = min(self._span[0], first), max(self._span[1], last)
         self._counts.update([row[0] for row in rows])
 
     def sync(self) -> None:
-        """Bring the file to the disk."""
+        """Write the buffers of the file to the disk."""
         if self._stream is not None:
             self._stream.flush()
             os.fsync(self._stream.fileno())
 
     def end(self) -> None:
-        """Finish this file, if there is one, and write metadata.yaml."""
+        """Finish the current file, if there is one, and write metadata.yaml."""
         if self._stream is not None:
             file = self._information()
             text = metadata.to_yaml(self._metadata([file], self._counts), root=False)
@@ -194,17 +197,17 @@ class BagFiles:
             self._stream = None
             self._finished.append((file, self._counts))
             self._counts = Counter()
-        self._describe(durable=True)
+        self._write_metadata(durable=True)
 
     def split(self) -> bool:
-        """End this file if it has a message; return True if it had one."""
+        """End the current file and return True, if it has a message."""
         has_messages = bool(self._counts)
         if has_messages:
             self.end()
         return has_messages
 
     def abandon(self) -> None:
-        """Close the present file as it is, after an error."""
+        """Close the current file without finishing it, after an error."""
         if self._stream is not None:
             with contextlib.suppress(OSError):
                 self._stream.close()
@@ -213,14 +216,15 @@ class BagFiles:
         start, end = self._span if self._counts else (0, 0)
         return FileInformation(self.path.name, start, end - start, self._counts.total())
 
-    def _describe(self, *, durable: bool) -> None:
+    def _write_metadata(self, *, durable: bool) -> None:
         files, counts = [file for file, _ in self._finished], self._counts.copy()
-        for _, one in self._finished:
-            counts.update(one)
+        for _, finished_counts in self._finished:
+            counts.update(finished_counts)
         if self._stream is not None:
             files.append(self._information())
-        metadata.write(self._folder, self._metadata(files, counts), durable=durable)
-        self._is_described = True
+        text = metadata.to_yaml(self._metadata(files, counts))
+        write_text(self._folder / metadata.FILE_NAME, text, durable=durable, in_bag=True)
+        self._metadata_lists_all_topics = True
 
     def _metadata(self, files: Sequence[FileInformation], counts: Counter[int]) -> BagMetadata:
         topics = (topic._replace(message_count=counts[n]) for n, (topic, _) in enumerate(self._channels, 1))
@@ -229,10 +233,10 @@ class BagFiles:
 
 
 def add_messages(writer: Any, rows: Sequence[Row]) -> tuple[int, int]:
-    """Add messages to the present chunk of an mcap Writer; return the smallest and the largest log time [ns].
+    """Add messages to the current chunk of an mcap Writer; return the smallest and the largest log time [ns].
 
-    The file is the same, byte by byte, as by ``add_message`` for each, at a third of the cost, which counts at 8 kHz.
-    mcap has no public method for it, so this uses private attributes of the Writer.
+    This writes the same bytes as ``Writer.add_message`` for each message, in a third of the time, which is needed at
+    8 kHz. It uses private attributes of the Writer, because mcap does not have a public method for it.
     """
     chunk, statistics = writer._Writer__chunk_builder, writer._Writer__statistics
     parts: list[bytes] = []

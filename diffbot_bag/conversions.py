@@ -1,4 +1,4 @@
-"""Conversions between ROS and this package: QoS profiles and message types."""
+"""Convert QoS profiles to and from ROS, and import the classes of message types."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from diffbot_core.errors import DiffbotError, shown
 
 
 def from_ros(profile: QoSProfile) -> Qos:
-    """Return a profile in rosbag2's words; a duration of zero means no limit."""
+    """Convert a profile of ROS, in which a zero duration means no limit."""
     return Qos(
         history=profile.history.name.lower(),
         depth=profile.depth,
@@ -32,7 +32,7 @@ def from_ros(profile: QoSProfile) -> Qos:
 
 
 def to_ros(qos: Qos) -> QoSProfile:
-    """Return the profile for a publisher or subscription; an INFINITE duration is left at the default of ROS."""
+    """Return the profile of a publisher or subscription for ROS, whose default durations are infinite."""
     durations = {
         name: Duration(nanoseconds=value)
         for name in ("deadline", "lifespan", "liveliness_lease_duration")
@@ -55,7 +55,7 @@ def offers(publishers: list[TopicEndpointInfo]) -> tuple[Qos, ...]:
 
 
 def type_hash(publishers: list[TopicEndpointInfo]) -> str:
-    """Return the type hash that the publishers report; empty if they report none."""
+    """Return the type hash that the publishers report; empty if it is unknown."""
     hashes = (str(publisher.topic_type_hash) for publisher in publishers)
     return next((text for text in hashes if text != "INVALID"), "")
 
@@ -63,8 +63,8 @@ def type_hash(publishers: list[TopicEndpointInfo]) -> str:
 def message_class(type_name: str) -> Any:
     """Import the Python class of ``pkg/msg/Type``.
 
-    The name may come from a bag or a publisher of unknown origin, and an import runs code: only packages with
-    interfaces are imported, and only from the prefix whose ament index has them.
+    An import runs code, and the name may come from an untrusted bag or publisher. So only packages that an ament index
+    lists are imported, and only from the prefix of that index.
 
     Raises:
         DiffbotError: if the type is not installed.
@@ -73,15 +73,16 @@ def message_class(type_name: str) -> Any:
     prefixes = interface_prefixes(package)
     try:
         origin = getattr(importlib.util.find_spec(package), "origin", None) if prefixes else None
-        # Both the path found and its target are accepted: builds with symbolic links install links.
+        # Accept the path and the target of a link: `colcon build --symlink-install` installs links.
         places = [Path(origin), Path(origin).resolve()] if origin else []
-        if not any(place.is_relative_to(root) for place in places for one in prefixes for root in (one, one.resolve())):
+        roots = [*prefixes, *(prefix.resolve() for prefix in prefixes)]
+        if not any(place.is_relative_to(root) for place in places for root in roots):
             raise ImportError("not an installed package with interfaces")
         found = getattr(importlib.import_module(f"{package}.{kind}"), name)
-        # Loads the C library behind the class, which may be missing.
+        # Load the C library of the class, which may be missing.
         type(found).__import_type_support__()
     except (ImportError, AttributeError, ValueError) as error:
         raise DiffbotError(f"type {shown(type_name)} is not installed") from error
-    except Exception as error:  # the exceptions of rosidl have no common base class
+    except Exception as error:  # the exceptions of rosidl do not share a base class
         raise DiffbotError(f"type {type_name} cannot be loaded: {error}") from error
     return found

@@ -1,4 +1,4 @@
-"""Write a new bag of parts of other bags: a span of time, some topics, several bags joined."""
+"""Trim, filter and merge bags: write selected messages of one or several bags to a new bag."""
 
 from __future__ import annotations
 
@@ -23,25 +23,25 @@ def cut(
     latched: bool = True,
     progress: Callable[[int], None] = lambda _: None,
 ) -> BagMetadata:
-    """Write the messages of open bags with ``start <= log time < end``, in the order of log time, to a new bag.
+    """Write the messages with ``start <= log time < end`` to a new bag, in the order of log time.
 
-    The parameters of the nodes and the counts of lost messages are carried over.
+    The parameters of the nodes and the numbers of lost messages are copied, too.
 
     Args:
-        bags: of equal log times, the messages of the bag given first come first.
+        bags: open bags; for equal log times, messages of an earlier bag come first.
         output: folder of the new bag, which must not exist. It appears when it is complete.
-        start: [ns]; None: the first message.
-        end: [ns], itself excluded; None: all messages to the last one.
-        keep: True for a topic to keep.
-        latched: begin with the last earlier messages of latched topics, with ``start`` as their log time.
+        start: [ns] earliest log time; None: the log time of the first message.
+        end: [ns] log time before which the new bag ends; None: include the last message.
+        keep: returns True for a topic to keep.
+        latched: begin with the last messages of latched topics before ``start``, with ``start`` as their log time.
         progress: called with 1 for each message.
 
     Raises:
-        DiffbotError: if no topic is kept, a bag is damaged, or the new bag exists or cannot be written.
+        DiffbotError: if ``keep`` does not select a topic, a bag is damaged, or the new bag cannot be written.
     """
     topics = {name: topic for name, topic in bags.topics.items() if keep(topic)}
     if not topics:
-        raise DiffbotError(shown(f"no topic of the bag is selected; it has {', '.join(bags.topics)}"))
+        raise DiffbotError(shown(f"no topic of the bag is selected: select from {', '.join(bags.topics)}"))
     with new_bag(output) as writer:
         channels = {}
         for name, topic in topics.items():
@@ -60,12 +60,12 @@ def cut(
         for name, data, log_time, publish_time, sequence in bags.messages(topics, start, last):
             writer.write(channels[name], data, log_time, publish_time, sequence)
             progress(1)
-        writer.custom_data = joined_data([reader.custom_data for reader in bags.readers])
+        writer.custom_data = _join_custom_data([reader.custom_data for reader in bags.readers])
     return read_metadata(output)
 
 
-def joined_data(all_data: Sequence[Mapping[str, str]]) -> dict[str, str]:
-    """Return the custom data of several bags: counts of lost messages are added, other values are listed."""
+def _join_custom_data(all_data: Sequence[Mapping[str, str]]) -> dict[str, str]:
+    """Join the custom data of several bags: numbers of lost messages are added, other values are listed."""
     joined: dict[str, str] = {}
     for name in dict.fromkeys(name for data in all_data for name in data):
         values = [data[name] for data in all_data if name in data]

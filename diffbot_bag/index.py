@@ -1,4 +1,8 @@
-"""One MCAP file of a bag: its contents by its summary, or by a scan if it was not finished; its messages, by blocks."""
+"""Read one MCAP file of a bag: its index, and its messages block by block.
+
+The index is read from the summary at the end of the file. A file without a summary is scanned. All functions raise a
+DiffbotError if the file is damaged.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +22,7 @@ from diffbot_core.errors import DiffbotError, shown
 from diffbot_core.files import MCAP, open_regular
 
 MAX_RECORD = 2**30
-"""[bytes] of one record that is read; a chunk of messages is one record"""
+"""[bytes] largest record that is read; a chunk of messages is one record"""
 MAX_TIME = 2**63 - 1
 """[ns] largest log time of a bag"""
 
@@ -29,13 +33,13 @@ class Block(NamedTuple):
     start: int
     end: int
     file: int
-    """index of the file in the bag"""
+    """number of the file in the bag, from 0"""
     offset: int
-    """[bytes] where its first record begins"""
+    """[bytes] offset of the first record in the file"""
     stop: int
-    """[bytes] where its last record ends"""
+    """[bytes] offset after the last record in the file"""
     channels: frozenset[int]
-    """channels with messages in the chunk; empty: unknown"""
+    """channels that have messages in the block; empty if unknown"""
 
 
 class Index(NamedTuple):
@@ -44,17 +48,17 @@ class Index(NamedTuple):
     schemas: Mapping[int, Schema]
     channels: Mapping[int, Channel]
     counts: Mapping[int, int]
-    """messages by channel"""
+    """number of messages by channel"""
     blocks: Sequence[Block]
     attachments: Mapping[str, int]
-    """[bytes] offset of the last attachment of each name"""
+    """[bytes] offset of the newest attachment of each name"""
     unfinished: str = ""
     """reason why the file is not complete; empty if it is"""
 
 
 @contextmanager
 def _reading(path: Path) -> Iterator[None]:
-    """Report whatever fails while a file is read and parsed as one line."""
+    """Raise every error of reading and parsing the file as a DiffbotError."""
     try:
         yield
     except DiffbotError:
@@ -63,13 +67,15 @@ def _reading(path: Path) -> Iterator[None]:
         raise DiffbotError(f"{shown(path)} is not an MCAP file") from error
     except OSError as error:
         raise DiffbotError(f"cannot read {shown(path)}: {error.strerror}") from error
-    except Exception as error:  # the parser and the decompression of damaged bytes raise any
-        what = "a record without an end" if isinstance(error, EndOfFile) else shown(error) or type(error).__name__
-        raise DiffbotError(f"{shown(path)} is damaged ({what}): `diffbot bag repair` saves what is intact") from error
+    except Exception as error:  # damaged bytes make the parser and the decompressors raise errors of many types
+        reason = "a record is cut off" if isinstance(error, EndOfFile) else shown(error) or type(error).__name__
+        raise DiffbotError(
+            f"{shown(path)} is damaged ({reason}): `diffbot bag repair` saves the intact messages"
+        ) from error
 
 
 def read_index(path: Path, number: int) -> Index:
-    """Return the contents of a file, from its summary or by a scan; ``number`` is the file's index in the bag.
+    """Return the index of a file, from its summary or by a scan; ``number`` is the number of the file in the bag.
 
     Raises:
         DiffbotError: if the file is missing, not an MCAP file, or damaged.
@@ -80,13 +86,13 @@ def read_index(path: Path, number: int) -> Index:
             raise DiffbotError(f"{shown(path)} is an empty file")
         index = _from_summary(stream, size, number) or _from_scan(stream, size, number)
         if any(block.end > MAX_TIME for block in index.blocks):
-            raise McapError("a log time beyond the year 2262")
+            raise McapError("a log time is beyond the year 2262")
         return index
 
 
 def _from_summary(stream: BinaryIO, size: int, number: int) -> Index | None:
-    """Return the contents of a file by its summary; None if the file has no summary or an incomplete one."""
-    reader = SeekingReader(stream, record_size_limit=MAX_RECORD)  # checks the magic at the beginning
+    """Return the index from the summary; None if the file does not have a complete summary."""
+    reader = SeekingReader(stream, record_size_limit=MAX_RECORD)  # checks the magic bytes
     summary = reader.get_summary() if _has_end(stream, size) else None
     if summary is None or summary.statistics is None:
         return None
@@ -106,12 +112,12 @@ def _from_summary(stream: BinaryIO, size: int, number: int) -> Index | None:
         for chunk in chunks
         if chunk.uncompressed_size
     ]
-    attachments = {one.name: one.offset for one in summary.attachment_indexes}
+    attachments = {attachment.name: attachment.offset for attachment in summary.attachment_indexes}
     return Index(summary.schemas, summary.channels, counts, blocks, attachments)
 
 
 def _from_scan(stream: BinaryIO, size: int, number: int) -> Index:
-    """Return the contents of a file by reading all of it, up to the last whole record if its writer was killed."""
+    """Return the index by reading the whole file, up to the last whole record if its writer was killed."""
     stream.seek(0)
     schemas: dict[int, Schema] = {}
     channels: dict[int, Channel] = {}
@@ -140,50 +146,42 @@ def _from_scan(stream: BinaryIO, size: int, number: int) -> Index:
                 first = loose or Block(times[0], times[0], number, begin, end, frozenset())
                 loose = first._replace(start=min(first.start, *times), end=max(first.end, *times), stop=end)
         unfinished = "" if _has_end(stream, size) else "no index"
-    except Exception as error:  # as in _reading
+    except Exception as error:  # errors of many types, see _reading
         is_cut = isinstance(error, (EndOfFile, RecordLengthLimitExceeded)) or stream.tell() == size
         if not is_cut or isinstance(error, InvalidMagic):
             raise
         unfinished = "no index" + (f", and the last {size - end} bytes are an incomplete record" if size > end else "")
     if not set(counts) <= set(channels):
-        raise McapError("messages without a channel")
+        raise McapError("messages of an unknown channel")
     return Index(schemas, channels, counts, [loose] if loose else blocks, attachments, unfinished)
 
 
 def _has_end(stream: BinaryIO, size: int) -> bool:
-    """Return True if the magic stands at the end of a file of ``size`` [bytes], too, as in every finished file."""
+    """Return True if a file of ``size`` [bytes] ends with the magic bytes, as every finished file does."""
     stream.seek(max(size - len(MCAP), len(MCAP)))
     return stream.read() == MCAP
 
 
 def read_block(stream: BinaryIO, path: Path, block: Block) -> list[Message]:
-    """Return the messages of a block of the open file in the order of the file; ``path`` is for the error.
-
-    Raises:
-        DiffbotError: if the file is damaged.
-    """
+    """Return the messages of a block in the order of the file; ``path`` is named in errors."""
     with _reading(path):
-        messages = [one for one in _records(stream, block.offset, block.stop) if isinstance(one, Message)]
+        messages = [record for record in _records(stream, block.offset, block.stop) if isinstance(record, Message)]
         if not messages:
-            raise McapError("no message where the index has some")
+            raise McapError("a block of the index has no messages")
         return messages
 
 
 def read_attachment(stream: BinaryIO, path: Path, offset: int) -> bytes:
-    """Return the data of the attachment at an offset [bytes] of the open file; ``path`` is for the error.
-
-    Raises:
-        DiffbotError: if the file is damaged.
-    """
+    """Return the data of the attachment at an offset [bytes]; ``path`` is named in errors."""
     with _reading(path):
         attachment = next(_records(stream, offset, offset))
         if not isinstance(attachment, Attachment):
-            raise McapError("no attachment where the index has one")
+            raise McapError("an attachment of the index is missing")
         return attachment.data
 
 
 def _records(stream: BinaryIO, offset: int, stop: int) -> Iterator[McapRecord]:
-    """Yield the records from one offset [bytes] to another, those of chunks one by one."""
+    """Yield the records between two offsets [bytes]. A chunk is unpacked into its records."""
     stream.seek(offset)
     for record in StreamReader(stream, skip_magic=True, emit_chunks=True, record_size_limit=MAX_RECORD).records:
         yield from breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else (record,)

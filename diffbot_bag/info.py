@@ -1,4 +1,4 @@
-"""Describe a bag: its files and topics, and figures of each topic from one pass over the messages."""
+"""Describe a bag: its files, its topics, and figures of each topic computed from all messages."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from diffbot_bag.qos import Qos, to_plain
 from diffbot_core.stamps import NS_PER_S
 
 SCHEMA_VERSION = 2
-"""of :func:`info_as_plain`; it grows when a key changes its meaning or is removed"""
+"""Version of :func:`info_as_plain`; it is increased when a key is removed or changes its meaning."""
 _STAMP = {True: struct.Struct("<iI"), False: struct.Struct(">iI")}
-"""Seconds and nanoseconds of a stamp; True: little-endian."""
+"""Seconds and nanoseconds of a stamp; True for little-endian bytes."""
 _STAMP_AT = 4
-"""[bytes] the encapsulation header of CDR comes first"""
+"""[bytes] offset of the first field, after the encapsulation header of CDR"""
 _BEGINS_WITH_HEADER = re.compile(
     r"(?:[ \t]*(?:#.*|[^#\n=]+=.*)?\r?\n)*[ \t]*(?:std_msgs/(?:msg/)?)?Header[ \t]+\w"
 ).match
-"""Matches a definition whose first field is a header; comments and constants may precede."""
+"""Matches a definition whose first field is a header, after any comments and constants."""
 
 
 class FileInfo(NamedTuple):
@@ -38,8 +38,8 @@ class FileInfo(NamedTuple):
     """[bytes]"""
 
 
-class Latency(NamedTuple):
-    """Log time minus stamp [s]; negative for a stamp in the future."""
+class TopicLatency(NamedTuple):
+    """Log time minus stamp [s]; negative if a stamp is in the future."""
 
     smallest: float
     median: float
@@ -47,29 +47,30 @@ class Latency(NamedTuple):
 
 
 class TopicFigures(NamedTuple):
-    """Figures from the messages of a topic in the order of log time; None where the messages do not tell."""
+    """Figures of the messages of a topic in the order of log time; None if a figure cannot be computed."""
 
     bytes: int
-    """of all messages, unpacked"""
+    """[bytes] size of all messages, uncompressed"""
     first: int
     """[ns] log time of the first message; 0 without messages"""
     last: int
+    """[ns] log time of the last message; 0 without messages"""
     rate: float | None
-    """[Hz] number of intervals over the time from the first to the last message"""
+    """[Hz] number of intervals divided by the time from the first to the last message"""
     gap: float | None
-    """[s] longest time between neighbouring messages"""
+    """[s] longest time between two consecutive messages"""
     gap_begin: int | None
-    """[ns] log time at which it begins"""
-    latency: Latency | None
-    """of the messages with a stamp other than 0"""
+    """[ns] log time at which the longest gap begins"""
+    latency: TopicLatency | None
+    """latency of the messages with a stamp other than 0"""
     unstamped: int | None
-    """messages whose stamp is 0 or cannot be read; None if the type has no header"""
+    """number of messages whose stamp is 0 or cannot be read; None if the type does not have a header"""
     stamps_back: int | None
-    """messages whose stamp is earlier than that of the previous message"""
+    """number of messages whose stamp is earlier than the previous stamp"""
     stamp_gap: float | None
-    """[s] longest step from one stamp to the next; unlike the gap, it does not grow when the recorder is late"""
+    """[s] longest step between two consecutive stamps; it does not depend on delays of the recorder"""
     missing: int | None
-    """numbers that are missing in the sequence; None if the writer of the bag gave no sequence numbers"""
+    """number of missing sequence numbers; None if the bag does not contain sequence numbers"""
 
 
 class TopicInfo(NamedTuple):
@@ -78,24 +79,23 @@ class TopicInfo(NamedTuple):
     name: str
     type: str
     encoding: str
-    """of the messages: ``cdr``, ``protobuf``, ``json``, ``ros1`` ..."""
+    """encoding of the messages: ``cdr``, ``protobuf``, ``json``, ``ros1`` ..."""
     message_count: int
     qos: tuple[Qos, ...]
-    """offered by each publisher"""
+    """QoS that each publisher offered"""
     recorder_lost: int | None
-    """messages that the recorder reports as lost; None if it reports none of its losses"""
+    """number of lost messages that the recorder reported; None if the bag does not contain its report"""
     figures: TopicFigures | None
     """None if the messages were not read"""
 
     @property
     def lost(self) -> int | None:
-        """Lost messages by the recorder's report or the sequence numbers, whichever has more; None if neither tells."""
-        known = [self.recorder_lost, self.figures.missing if self.figures else None]
-        return max((one for one in known if one is not None), default=None)
+        """Number of lost messages: the larger of the recorder's report and the missing sequence numbers."""
+        return _larger(self.recorder_lost, self.figures.missing if self.figures else None)
 
 
 class BagInfo(NamedTuple):
-    """A bag."""
+    """Description of a bag."""
 
     path: Path
     files: tuple[FileInfo, ...]
@@ -103,12 +103,13 @@ class BagInfo(NamedTuple):
     start: int
     """[ns] log time of the first message"""
     end: int
+    """[ns] log time of the last message"""
     topics: tuple[TopicInfo, ...]
-    """in the order of their names"""
+    """topics in alphabetical order"""
     recorder_lost: int | None
-    """all messages that the recorder reports as lost"""
+    """number of lost messages of all topics that the recorder reported; None without its report"""
     jumps: tuple[tuple[int, int], ...]
-    """log times [ns] before and after each jump of the log time; empty if the messages were not read"""
+    """log times [ns] before and after each time longer than GAP without messages; empty if messages were not read"""
 
     @property
     def size(self) -> int:
@@ -127,10 +128,14 @@ class BagInfo(NamedTuple):
 
     @property
     def lost(self) -> int | None:
-        """Lost messages of all topics; None if nothing in the bag tells."""
+        """Number of lost messages of all topics; None if it is unknown for each topic and for the bag."""
         known = [topic.lost for topic in self.topics if topic.lost is not None]
-        by_topic = sum(known) if known else None
-        return max((one for one in (by_topic, self.recorder_lost) if one is not None), default=None)
+        return _larger(sum(known) if known else None, self.recorder_lost)
+
+
+def _larger(first: int | None, second: int | None) -> int | None:
+    """Return the larger of two numbers that may be unknown."""
+    return max((number for number in (first, second) if number is not None), default=None)
 
 
 def info_of(
@@ -144,12 +149,12 @@ def info_of(
 
     Args:
         reader: the bag.
-        quick: read only the index and metadata.yaml; topics have no figures then.
+        quick: read only the index and metadata.yaml, without figures of topics.
         progress: called with 1 for each message.
-        observe: called with each message, for readers that need more than the figures.
+        observe: called with each message, for callers that compute more than the figures.
 
     Raises:
-        DiffbotError: if a file turns out to be damaged.
+        DiffbotError: if a file is damaged.
     """
     columns: dict[str, _Columns] = {}
     if not quick:
@@ -159,7 +164,7 @@ def info_of(
             columns[message.topic].add(message)
             observe(message)
             progress(1)
-    losses = _reported_losses(reader.custom_data)
+    lost, lost_by_topic = _reported_losses(reader.custom_data)
     topics = [
         TopicInfo(
             name=name,
@@ -167,7 +172,7 @@ def info_of(
             encoding=topic.encoding,
             message_count=topic.message_count,
             qos=topic.qos,
-            recorder_lost=None if losses is None else losses.get(name, 0),
+            recorder_lost=None if lost is None else lost_by_topic.get(name, 0),
             figures=columns[name].figures(max(len(topic.qos), 1)) if columns else None,
         )
         for name, topic in sorted(reader.topics.items())
@@ -179,13 +184,13 @@ def info_of(
         start=reader.start,
         end=reader.end,
         topics=tuple(topics),
-        recorder_lost=None if losses is None else losses.get("", 0),
-        jumps=_jumps([one.times for one in columns.values()]),
+        recorder_lost=lost,
+        jumps=_jumps([column.times for column in columns.values()]),
     )
 
 
 class _Columns:
-    """Columns of the messages of one topic, 20 bytes a message."""
+    """Times, stamps and sequence numbers of the messages of one topic, 20 bytes per message."""
 
     def __init__(self, is_stamped: bool) -> None:
         self.is_stamped = is_stamped
@@ -207,7 +212,7 @@ class _Columns:
             self.stamps.append(seconds * NS_PER_S + nanoseconds)
 
     def figures(self, publishers: int) -> TopicFigures:
-        """Compute the figures; ``publishers`` is the number of interleaved sequences."""
+        """Compute the figures; ``publishers`` is the number of publishers whose sequence numbers are interleaved."""
         times = np.array(self.times, np.int64)
         gaps = np.diff(times)
         span = (times[-1] - times[0]) / NS_PER_S if len(times) else 0.0
@@ -229,9 +234,9 @@ class _Columns:
         )
 
 
-def _latency(delays: NDArray[np.int64]) -> Latency:
+def _latency(delays: NDArray[np.int64]) -> TopicLatency:
     median, p99 = np.quantile(delays, (0.5, 0.99), method="inverted_cdf")
-    return Latency(float(delays.min()) / NS_PER_S, float(median) / NS_PER_S, float(p99) / NS_PER_S)
+    return TopicLatency(float(delays.min()) / NS_PER_S, float(median) / NS_PER_S, float(p99) / NS_PER_S)
 
 
 def _missing(sequences: array[int], publishers: int) -> int:
@@ -242,22 +247,23 @@ def _missing(sequences: array[int], publishers: int) -> int:
 
 
 def _jumps(all_times: list[array[int]]) -> tuple[tuple[int, int], ...]:
-    """Return the log times before and after each silence longer than GAP."""
-    times = np.sort(np.concatenate([np.array(one, np.int64) for one in all_times])) if all_times else np.zeros(0)
+    """Return the log times before and after each time longer than GAP without messages."""
+    if not all_times:
+        return ()
+    times = np.sort(np.concatenate([np.array(topic_times, np.int64) for topic_times in all_times]))
     at = np.flatnonzero(np.diff(times) > GAP)
     return tuple((int(times[index]), int(times[index + 1])) for index in at)
 
 
-def _reported_losses(data: Mapping[str, str]) -> dict[str, int] | None:
-    """Return the losses that the recorder reports, by topic and in total (empty name); None without a report."""
-    counts = {key: int(value) for key, value in data.items() if key.startswith("lost") and value.isdecimal()}
-    if "lost_messages" not in counts:
-        return None
-    return {"" if key == "lost_messages" else key.removeprefix("lost "): count for key, count in counts.items()}
+def _reported_losses(custom_data: Mapping[str, str]) -> tuple[int | None, dict[str, int]]:
+    """Return the number of lost messages that the recorder reported, in total (None without a report) and by topic."""
+    counts = {key: int(value) for key, value in custom_data.items() if key.startswith("lost") and value.isdecimal()}
+    total = counts.pop("lost_messages", None)
+    return total, {key.removeprefix("lost "): count for key, count in counts.items()}
 
 
 def info_as_plain(info: BagInfo) -> dict[str, Any]:
-    """Return the content of ``diffbot bag info --json``; docs/reference/bags.md describes it."""
+    """Return the content of ``diffbot bag info --json``, which docs/reference/bags.md describes."""
     return {
         "schema_version": SCHEMA_VERSION,
         "path": str(info.path),

@@ -1,4 +1,4 @@
-"""Keys of a terminal, as in ``ros2 bag play``: read without waiting and without Enter. Free of ROS."""
+"""Read keys of a terminal without blocking and without Enter, as ``ros2 bag play`` does. Does not need ROS."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ import tty
 
 SPACE, RIGHT, UP, DOWN = " ", "C", "A", "B"
 _KEYS = re.compile(rb" |\x1b[\[O]([ABC])")
-"""The space bar and the arrow keys; terminals in application mode send O."""
+"""Space bar and arrow keys; a terminal in application mode sends O instead of [."""
 
 
 class Keyboard:
-    """The terminal of stdin, whose keys arrive one by one and unechoed until :meth:`close`; Ctrl-C works as before.
+    """The terminal of stdin, which sends each key at once and does not echo it until :meth:`close`.
 
-    Without a terminal, or while this process is in its background, no key is pressed.
+    Ctrl-C works as usual. Without a terminal, or while this process is in the background, no keys are returned.
     """
 
     def __init__(self, descriptor: int = 0) -> None:
-        """Use the terminal of a file descriptor."""
+        """Prepare the terminal of a file descriptor."""
         self._descriptor = descriptor
         self._before = termios.tcgetattr(descriptor) if self._is_ours() else None
-        # For an end without close(): an exception, or sys.exit elsewhere.
+        # The process may end without close(), by an exception or sys.exit.
         atexit.register(self.close)
 
     @property
@@ -34,7 +34,7 @@ class Keyboard:
         return self._before is not None
 
     def _is_ours(self) -> bool:
-        """True if this process is in the foreground of the terminal; reading would stop it otherwise."""
+        """Return True if this process is in the foreground; reading in the background would stop the process."""
         try:
             return os.isatty(self._descriptor) and os.tcgetpgrp(self._descriptor) == os.getpgrp()
         except OSError:
@@ -44,8 +44,8 @@ class Keyboard:
         """Return the keys pressed since the last call."""
         if not self.is_open or not self._is_ours():
             return []
-        with contextlib.suppress(OSError, termios.error):  # the terminal is gone
-            # A shell that had the terminal meanwhile has restored its modes.
+        with contextlib.suppress(OSError, termios.error):  # the terminal was closed
+            # After Ctrl-Z and fg, the shell has restored the mode of the terminal.
             if termios.tcgetattr(self._descriptor)[3] & termios.ICANON:
                 tty.setcbreak(self._descriptor, termios.TCSADRAIN)
             if select.select([self._descriptor], [], [], 0)[0]:

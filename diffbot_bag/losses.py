@@ -1,43 +1,45 @@
-"""Count lost messages of one topic by the sequence numbers of its publishers."""
+"""Count the lost messages of a topic from the sequence numbers of its publishers."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 
-class _Chain:
-    """The consecutive numbers of one publisher."""
+class _Sequence:
+    """The received sequence numbers of one publisher."""
 
     def __init__(self, last: int) -> None:
         self.last = last
+        self.origin: _Sequence | None = None
+        """sequence that this one may continue after a gap; None if it has its own publisher"""
         self.gap = 0
-        """messages counted as lost before this chain, as long as it may be the continuation of ``origin``"""
-        self.origin: _Chain | None = None
+        """messages that are counted as lost between ``origin`` and this sequence"""
 
 
 class LossCounter:
-    """Lost messages of one topic.
+    """Counter of the lost messages of one topic.
 
-    A message carries its sequence number but not its publisher, so the numbers of several publishers form interleaved
-    chains; a message continues the chain whose last number precedes its own. A number that continues no chain is
-    either the first one of another publisher or comes after a gap. It counts as a gap until the chain before it goes on
-    by itself: then there are two publishers, and the gap is withdrawn. So a publisher that never sends hides no gap.
+    A message has a sequence number but does not name its publisher. So the numbers of several publishers are
+    interleaved, and a number continues the sequence whose last number precedes it. A number that does not continue a
+    sequence is either the first number of another publisher, or there is a gap before it. It is counted as a gap until
+    the previous sequence continues: then there are two publishers, and the gap is subtracted again.
 
-    The count is exact for one publisher. For several, it misses what a publisher loses before its first message.
+    The count is exact for one publisher. With several publishers, messages that a publisher loses before its first
+    received message are not counted.
     """
 
     def __init__(self, count_publishers: Callable[[], int]) -> None:
-        """Start without a message; ``count_publishers`` returns the number of publishers at present."""
+        """Start without messages; ``count_publishers`` returns the current number of publishers."""
         self.lost = 0
         self.publishers = 1
-        """largest number of publishers so far; no more chains are distinguished"""
+        """largest number of publishers so far, and largest number of sequences that are distinguished"""
         self._count_publishers = count_publishers
-        self._chains: list[_Chain] = []
+        self._sequences: list[_Sequence] = []
         self._next = -1
-        """number that continues the only chain; -1 if there is not exactly one"""
+        """number that continues the only sequence; -1 if there is not exactly one sequence"""
 
     def note_publishers(self) -> None:
-        """Look at the number of publishers, regularly: a publisher may leave before its last messages are noted."""
+        """Update the number of publishers. Call it regularly: a publisher may leave before its messages are read."""
         self.publishers = max(self.publishers, self._count_publishers())
 
     def note(self, number: int) -> None:
@@ -45,40 +47,40 @@ class LossCounter:
         if number == self._next:
             self._next = number + 1
             return
-        chains = self._chains
+        sequences = self._sequences
         if self._next >= 0:
-            chains[0].last = self._next - 1
+            sequences[0].last = self._next - 1
         self._note(number)
-        self._next = chains[0].last + 1 if len(chains) == 1 else -1
+        self._next = sequences[0].last + 1 if len(sequences) == 1 else -1
 
     def _note(self, number: int) -> None:
-        chains = self._chains
-        chain = next((one for one in chains if one.last == number - 1), None)
-        if chain is None:
+        sequences = self._sequences
+        sequence = next((known for known in sequences if known.last == number - 1), None)
+        if sequence is None:
             self.note_publishers()
-            before = [one for one in chains if one.last < number]
-            chain = max(before, key=lambda one: one.last, default=None)
-            if chain is None or len(chains) < self.publishers:
-                self._begin(number, chain)
+            earlier = [known for known in sequences if known.last < number]
+            sequence = max(earlier, key=lambda known: known.last, default=None)
+            if sequence is None or len(sequences) < self.publishers:
+                self._begin(number, sequence)
                 return
-            self.lost += number - chain.last - 1
-        chain.last = number
-        for other in chains:
-            if other.origin is chain:
+            self.lost += number - sequence.last - 1
+        sequence.last = number
+        for other in sequences:
+            if other.origin is sequence:
                 self.lost -= other.gap
                 other.origin = None
 
-    def _begin(self, number: int, origin: _Chain | None) -> None:
-        """Begin a chain; without room for it, it replaces the one with the lowest number, whose publisher is gone."""
-        if len(self._chains) >= self.publishers:
-            lowest = min(self._chains, key=lambda one: one.last)
+    def _begin(self, number: int, origin: _Sequence | None) -> None:
+        """Begin a sequence. If each publisher has one, replace the one with the lowest number: its publisher left."""
+        if len(self._sequences) >= self.publishers:
+            lowest = min(self._sequences, key=lambda known: known.last)
             lowest.last, lowest.origin = number, None
-            for other in self._chains:
+            for other in self._sequences:
                 if other.origin is lowest:
                     other.origin = None
             return
-        chain = _Chain(number)
+        sequence = _Sequence(number)
         if origin is not None:
-            chain.gap, chain.origin = number - origin.last - 1, origin
-            self.lost += chain.gap
-        self._chains.append(chain)
+            sequence.gap, sequence.origin = number - origin.last - 1, origin
+            self.lost += sequence.gap
+        self._sequences.append(sequence)

@@ -1,6 +1,6 @@
-"""Messages to CDR and back by rosbags' type system, without ROS.
+"""Encode and decode CDR messages with rosbags, without ROS.
 
-A decoded message has its fields as attributes with the names of ROS: ``message.header.stamp.sec``. Arrays are NumPy
+A decoded message has its fields as attributes, such as ``message.header.stamp.sec``. Arrays of numbers are NumPy
 arrays.
 """
 
@@ -19,7 +19,7 @@ from diffbot_bag.definitions import schema_text
 from diffbot_core.errors import DiffbotError, shown
 
 _shared = Typestore()
-"""types of all definitions that agree with each other, so that their common parts are compiled once"""
+"""Types of all definitions that do not contradict each other, so that nested types are compiled once."""
 
 
 @functools.cache
@@ -29,7 +29,7 @@ def _jazzy() -> Typestore:
 
 @functools.lru_cache(maxsize=1024)
 def _store(type_name: str, definition: str | None) -> Typestore:
-    """Return a store of the type; the arguments, and the error without a definition, are those of :func:`decode`."""
+    """Return a typestore that contains the type, from its definition or from ROS 2 Jazzy or an installed package."""
     if definition is None:
         if type_name in _jazzy().types:
             return _jazzy()
@@ -39,25 +39,25 @@ def _store(type_name: str, definition: str | None) -> Typestore:
         try:
             _shared.register(types)
             store = _shared
-        except TypesysError:  # another bag has the same name for another type
+        except TypesysError:  # another bag defines a different type with this name
             store = Typestore()
             store.register(types)
         store.get_msgdef(type_name)
-    except Exception as error:  # the parser and the generated code of a foreign definition raise any
+    except Exception as error:  # the parser and the generated code raise errors of many types
         raise DiffbotError(f"the definition of {shown(type_name)} cannot be parsed") from error
     return store
 
 
 def decode(type_name: str, data: bytes, definition: str | None = None) -> Any:
-    """Return the message that these CDR bytes contain.
+    """Decode a message.
 
     Args:
         type_name: ``pkg/msg/Type``.
-        data: CDR with its encapsulation header.
-        definition: .msg text of the type, as a bag contains it; None: of ROS 2 Jazzy or of an installed package.
+        data: CDR bytes with encapsulation header.
+        definition: .msg text of the type from a bag; None: the type of ROS 2 Jazzy or of an installed package.
 
     Raises:
-        DiffbotError: if there is no usable definition, or the bytes are not a message of this type.
+        DiffbotError: if the definition is missing or invalid, or the bytes are not a message of this type.
     """
     store = _store(type_name, definition)
     try:
@@ -67,10 +67,10 @@ def decode(type_name: str, data: bytes, definition: str | None = None) -> Any:
 
 
 def encode(type_name: str, message: Any) -> bytes:
-    """Return the CDR bytes of a message, which has its fields as attributes.
+    """Encode a message, whose fields are attributes, as CDR bytes.
 
     Raises:
-        DiffbotError: if there is no usable definition, or the message is not of this type.
+        DiffbotError: if the definition is missing, or the message is not of this type.
     """
     store = _store(type_name, None)
     try:
@@ -80,30 +80,30 @@ def encode(type_name: str, message: Any) -> bytes:
 
 
 def make(type_name: str, /, **fields: Any) -> Any:
-    """Return a new message; fields that are not given are zero, empty or false.
+    """Create a message. Fields that are not given are zero, empty or false.
 
     Args:
         type_name: ``pkg/msg/Type`` of ROS 2 Jazzy or of an installed package.
-        fields: values by name; a mapping stands for a nested message.
+        fields: values by name; a mapping gives the fields of a nested message.
 
     Raises:
-        DiffbotError: if there is no usable definition, or no such field.
+        DiffbotError: if the definition is missing, or the type does not have a given field.
     """
-    return _made(_store(type_name, None), type_name, fields)
+    return _make(_store(type_name, None), type_name, fields)
 
 
-def _made(store: Typestore, type_name: str, fields: Mapping[str, Any]) -> Any:
+def _make(store: Typestore, type_name: str, fields: Mapping[str, Any]) -> Any:
     names = store.fielddefs[type_name][1]
     if unknown := set(fields) - {name for name, _ in names}:
-        raise DiffbotError(f"{type_name} has no field {shown(min(unknown))}")
+        raise DiffbotError(f"{type_name} does not have a field {shown(min(unknown))}")
     return store.types[type_name](**{name: _value(store, kind, fields.get(name)) for name, kind in names})
 
 
 def _value(store: Typestore, kind: Any, given: Any) -> Any:
-    """Return the value of a field; ``kind``: its description in the store."""
+    """Return the value of a field that ``kind`` describes, or its default if none is given."""
     node, detail = kind
     if node == Nodetype.NAME:
-        return _made(store, detail, given or {}) if given is None or isinstance(given, Mapping) else given
+        return _make(store, detail, given or {}) if given is None or isinstance(given, Mapping) else given
     if node == Nodetype.BASE:
         defaults: dict[str, Any] = {"string": "", "bool": False, "float32": 0.0, "float64": 0.0}
         return defaults.get(detail[0], 0) if given is None else given
@@ -112,4 +112,4 @@ def _value(store: Typestore, kind: Any, given: Any) -> Any:
     if element[0] == Nodetype.BASE and element[1][0] != "string":
         dtype = {"byte": "uint8", "char": "uint8"}.get(element[1][0], element[1][0])
         return np.zeros(count, dtype) if given is None else np.asarray(given, dtype)
-    return [_value(store, element, one) for one in ([None] * count if given is None else given)]
+    return [_value(store, element, item) for item in ([None] * count if given is None else given)]

@@ -1,4 +1,4 @@
-"""metadata.yaml of a rosbag2 bag: written as version 9, read in any version; errors are one line."""
+"""Parse and format metadata.yaml of a rosbag2 bag. Any version is read, version 9 is written."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from typing import Any, NamedTuple
 
 from diffbot_bag.qos import Qos, load_profiles, to_plain
 from diffbot_core.errors import DiffbotError, shown
-from diffbot_core.files import read_text, write_text
+from diffbot_core.files import read_text
 from diffbot_core.yaml_files import dump_yaml, load_yaml
 
 FILE_NAME = "metadata.yaml"
 ROOT = "rosbag2_bagfile_information"
 VERSION = 9
 MAX_BYTES = 16 * 2**20
-"""of metadata.yaml"""
+"""[bytes] largest metadata.yaml that is read"""
 
 
 class Topic(NamedTuple):
@@ -23,14 +23,14 @@ class Topic(NamedTuple):
 
     name: str
     type: str
-    """``pkg/msg/Type``, or the name of the schema of a foreign encoding"""
+    """``pkg/msg/Type``; for other encodings than CDR the name of the schema"""
     type_hash: str = ""
-    """``RIHS01_...``, empty if unknown"""
+    """``RIHS01_...``; empty if unknown"""
     qos: tuple[Qos, ...] = ()
-    """the QoS that each publisher offered when recording began"""
+    """QoS that each publisher offered when the recorder subscribed"""
     message_count: int = 0
     encoding: str = "cdr"
-    """MCAP's message encoding, which metadata.yaml calls the serialization format"""
+    """MCAP's message encoding; metadata.yaml calls it serialization format"""
 
 
 class FileInformation(NamedTuple):
@@ -43,10 +43,10 @@ class FileInformation(NamedTuple):
 
 
 class BagMetadata(NamedTuple):
-    """Contents of metadata.yaml; start, duration and number of messages are those of the files."""
+    """The content of metadata.yaml."""
 
     files: tuple[FileInformation, ...] = ()
-    """the MCAP files, in the order of recording; names are relative to the folder"""
+    """MCAP files in the order of recording; names are relative to the folder"""
     topics: tuple[Topic, ...] = ()
     custom_data: Mapping[str, str] = {}
     ros_distro: str = "jazzy"
@@ -64,18 +64,18 @@ class BagMetadata(NamedTuple):
 
     @property
     def message_count(self) -> int:
-        """Number of messages."""
+        """Number of messages in all files."""
         return sum(file.message_count for file in self.files)
 
 
 def to_yaml(bag: BagMetadata, *, root: bool = True) -> str:
-    """Return the YAML text; without ``root`` only the inner map, as the MCAP record ``rosbag2`` contains it."""
+    """Return the YAML text; without ``root`` only the inner map, which the MCAP record ``rosbag2`` contains."""
     inner: dict[str, Any] = {
         "version": VERSION,
         "storage_identifier": "mcap",
         **_span_to_plain(bag),
         "topics_with_message_count": [_topic_to_plain(topic) for topic in bag.topics],
-        # These two describe rosbag2's compression of whole files or messages, not the compression of MCAP's chunks.
+        # rosbag2 compresses whole files or messages; these keys do not describe the compression of MCAP chunks.
         "compression_format": "",
         "compression_mode": "",
         "relative_file_paths": [file.name for file in bag.files],
@@ -107,17 +107,8 @@ def _topic_to_plain(topic: Topic) -> dict[str, Any]:
     }
 
 
-def write(folder: Path, bag: BagMetadata, *, durable: bool = True) -> None:
-    """Write metadata.yaml, which appears whole or not at all; ``durable``: it survives a crash of the machine.
-
-    Raises:
-        OSError: if the disk is full or the folder is missing.
-    """
-    write_text(folder / FILE_NAME, to_yaml(bag), durable=durable, in_bag=True)
-
-
 def read(folder: Path) -> BagMetadata:
-    """Read metadata.yaml of a bag's folder, of any version of rosbag2.
+    """Read metadata.yaml in the folder of a bag.
 
     Raises:
         DiffbotError: if the file is not YAML, does not describe a rosbag2 bag, or the bag is not stored as MCAP.
@@ -126,12 +117,14 @@ def read(folder: Path) -> BagMetadata:
     content = load_yaml(read_text(path, MAX_BYTES), shown(path))
     inner = content.get(ROOT) if isinstance(content, dict) else None
     if not isinstance(inner, dict):
-        raise DiffbotError(f"{path} has no {ROOT}: not the metadata of a rosbag2 bag")
+        raise DiffbotError(f"{path} is not the metadata of a rosbag2 bag: the key {ROOT} is missing")
     storage = inner.get("storage_identifier")
     if storage != "mcap":
         raise DiffbotError(f"{path}: storage_identifier = {shown(storage)!r}: must be mcap (see `ros2 bag convert`)")
     if inner.get("compression_mode"):
-        raise DiffbotError(f"{path}: compression_mode = {shown(inner['compression_mode'])!r}: must be empty")
+        raise DiffbotError(
+            f"{path}: compression_mode = {shown(inner['compression_mode'])!r}: must be empty (see `ros2 bag convert`)"
+        )
     try:
         known = {str(file["path"]): _file_from_plain(file) for file in inner.get("files") or ()}
         names = [str(name) for name in inner["relative_file_paths"]]
@@ -166,17 +159,17 @@ def _topic_from_plain(plain: Mapping[str, Any]) -> Topic:
     )
 
 
-def inside(folder: Path, name: str) -> Path:
-    """Return the path of a file that a foreign index names.
+def path_inside(folder: Path, name: str) -> Path:
+    """Return the path of a file of a bag, given the name in its metadata.
 
     Raises:
-        DiffbotError: if the name is absolute or leads out of the folder, by ``..`` or by a symbolic link.
+        DiffbotError: if the path is outside the folder: absolute, or by ``..`` or a symbolic link.
     """
     path = folder / name
     try:
-        contained = not Path(name).is_absolute() and path.resolve().is_relative_to(folder.resolve())
+        is_inside = not Path(name).is_absolute() and path.resolve().is_relative_to(folder.resolve())
     except (OSError, ValueError, RuntimeError):  # a null character, a name that is too long, a loop of links
-        contained = False
-    if not contained:
-        raise DiffbotError(f"{shown(name)} is outside of {shown(folder)}, the folder of the bag: not read")
+        is_inside = False
+    if not is_inside:
+        raise DiffbotError(f"{shown(name)} is outside {shown(folder)}, the folder of the bag: it is not read")
     return path

@@ -1,4 +1,4 @@
-"""Parameters of all nodes in the graph, requested beside the recording: one node at a time, with a deadline."""
+"""Request the parameters of all nodes in the graph while recording, one node at a time, with a deadline."""
 
 from __future__ import annotations
 
@@ -13,63 +13,64 @@ from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 
-from diffbot_bag.qos import is_hidden
+from diffbot_bag.topic_selection import is_hidden
 
 DEADLINE = 5.0
-"""[s] for the answers of one node"""
+"""[s] longest time for the answers of one node"""
 ATTACH_PERIOD = 10.0
-"""[s] shortest time between two attachments: each one contains all nodes"""
+"""[s] shortest time between two attachments, since each one contains the parameters of all nodes"""
 MAX_NODES, MAX_PARAMETERS = 200, 2000
-"""of the graph, and of a node; more are left out"""
+"""Largest numbers of nodes, and of parameters of one node, that are recorded."""
 HIDDEN = "(not recorded)"
 """Replaces the value of a parameter whose name suggests a secret."""
 _SECRET = re.compile(r"passw|secret|token|credential|api_?key|private_?key", re.IGNORECASE)
 
 
 class NodeParameters:
-    """Requests the parameters of each node once, and again after it has left the graph and returned.
+    """Requests the parameters of each node once, and once more if it leaves the graph and returns.
 
-    rclpy's AsyncParameterClient would also need the right to set the parameters of all nodes, under SROS2.
+    rclpy's AsyncParameterClient is not used: under SROS2 it needs the permission to set the parameters of all nodes.
     """
 
     def __init__(self, node: Node, attach: Callable[[bytes], None]) -> None:
-        """Send requests as ``node``; call ``attach`` with all parameters (JSON) when all nodes have answered."""
+        """Prepare to send requests from ``node``; ``attach`` receives the parameters of all nodes as JSON."""
         self._node, self._attach = node, attach
-        self._asked: set[str] = set()
+        self._requested: set[str] = set()
         self._known: dict[str, dict[str, Any]] = {}
         self._changed = False
         self._attached = -ATTACH_PERIOD
         self._name = ""
-        """node whose answers are awaited"""
+        """node whose parameters are being requested"""
         self._request: Generator[None, None, None] | None = None
         self._deadline = 0.0
 
     def poll(self) -> None:
-        """Continue; this takes a millisecond or two. Call it a few times a second."""
+        """Continue with the requests. Call it a few times a second; it takes one or two milliseconds."""
         if self._request is not None:
             if time.monotonic() > self._deadline or next(self._request, self) is self:
                 self._request.close()
                 self._request = None
-        elif (name := self._next()) is not None:
-            self._asked.add(name)
-            self._name, self._deadline, self._request = name, time.monotonic() + DEADLINE, self._ask(name)
+        elif (name := self._next_node()) is not None:
+            self._requested.add(name)
+            self._name, self._deadline = name, time.monotonic() + DEADLINE
+            self._request = self._request_parameters(name)
         elif time.monotonic() - self._attached >= ATTACH_PERIOD:
             self.attach()
 
-    def _next(self) -> str | None:
-        """Return the full name of a node whose parameters were not requested yet."""
+    def _next_node(self) -> str | None:
+        """Return the full name of a node whose parameters were not requested yet; None if there is none."""
         present = {f"{namespace.rstrip('/')}/{name}" for name, namespace in self._node.get_node_names_and_namespaces()}
-        self._asked &= present
-        new = {name for name in present - self._asked if not is_hidden(name)}
-        if not new or len(self._asked) >= MAX_NODES:
+        self._requested &= present
+        new = {name for name in present - self._requested if not is_hidden(name)}
+        if not new or len(self._requested) >= MAX_NODES:
             return None
         own = self._node.get_fully_qualified_name()
         return own if own in new else min(new)
 
-    def _ask(self, name: str) -> Generator[None, None, None]:
-        """Request the names and then the values of a node's parameters; yield while an answer is awaited."""
-        if name == self._node.get_fully_qualified_name():  # no executor would answer
-            self._add(name, {one: found.value for one, found in self._node.get_parameters_by_prefix("").items()})
+    def _request_parameters(self, name: str) -> Generator[None, None, None]:
+        """Request the names and then the values of a node's parameters; yield while waiting for an answer."""
+        if name == self._node.get_fully_qualified_name():
+            self._add(name, {key: found.value for key, found in self._node.get_parameters_by_prefix("").items()})
             return
         clients: list[Any] = []
         try:
@@ -82,9 +83,9 @@ class NodeParameters:
             found = yield from _answer(clients[1], GetParameters.Request(names=names))
             values = [parameter_value_to_python(value) for value in found.values]
             self._add(name, dict(zip(names, values, strict=False)))
-        except Exception as error:  # rclpy raises several types: for a name that is not allowed, a type that is unknown
+        except Exception as error:  # rclpy raises errors of many types, such as for an invalid node name
             reason = " ".join(str(error).split())
-            self._node.get_logger().warning(f"the parameters of {name} are not recorded: {reason}")
+            self._node.get_logger().warning(f"cannot record the parameters of {name}: {reason}")
         finally:
             for client in clients:
                 self._node.destroy_client(client)
@@ -100,7 +101,7 @@ class NodeParameters:
             self._changed, self._attached = False, time.monotonic()
 
     def close(self) -> None:
-        """Attach what has become known since the last time, and end the present request."""
+        """Cancel the current request, and attach the parameters if they have changed."""
         if self._request is not None:
             self._request.close()
         self.attach()
@@ -114,9 +115,9 @@ def _answer(client: Any, request: Any) -> Generator[None, None, Any]:
 
 
 def dump_parameters(parameters: Mapping[str, Mapping[str, Any]]) -> bytes:
-    """Return the attachment (JSON): value by name, by full name of the node.
+    """Return the attachment as JSON: parameter values by node (full name) and by parameter name.
 
-    Bytes become hexadecimal text, and numbers that JSON does not know become text.
+    Byte arrays become hexadecimal text. Infinite numbers and NaN become text, since JSON cannot hold them.
     """
     plain = {
         node: {name: HIDDEN if _SECRET.search(name) else _plain(value) for name, value in values.items()}
@@ -132,4 +133,4 @@ def _plain(value: Any) -> Any:
         return value
     if isinstance(value, bytes):
         return value.hex()
-    return [_plain(one) for one in value]
+    return [_plain(item) for item in value]

@@ -1,4 +1,4 @@
-"""Send the messages of a bag on time; other threads pause, step, seek and stop the player. Free of ROS."""
+"""Send the messages of a bag on time. Other threads pause, step, seek and stop the player. Does not need ROS."""
 
 from __future__ import annotations
 
@@ -17,32 +17,36 @@ from diffbot_core.errors import InvalidValueError
 from diffbot_core.stamps import NS_PER_S
 
 GAP = 60 * NS_PER_S
-"""[ns] A longer time without a message is reported, and skipped on request."""
+"""[ns] A longer time without messages is a gap, which is reported, and skipped on request."""
 COARSE = 2_000_000
-"""[ns] Before a deadline the player stops waiting for requests of other threads and only sleeps or spins."""
+"""[ns] This long before a deadline, the player sleeps or spins instead of waiting for requests of other threads."""
 SPIN = 100_000
-"""[ns] Before a deadline the clock spins instead of sleeping, since a sleep ends about that late."""
+"""[ns] This long before a deadline, the clock spins, since a sleep ends up to this late."""
 LONGEST_WAIT = 3600.0
-"""[s] A gap in a bag may be longer than a lock can wait."""
+"""[s] longest single wait; a gap may be longer than the longest timeout of a lock"""
 LATENESS_SAMPLES = 20_000
-"""Number of recent messages whose lateness is kept."""
+"""number of recent messages whose lateness is kept"""
 STEP_TIMEOUT = 1.0
 """[s] longest wait of :meth:`Player.step`"""
 BATCH, BATCHES = 50, 20
-"""Messages per item of the queue that is read ahead (its locks cost more than reading), and number of items."""
+"""Messages per item of the queue of messages read ahead, and number of items; single messages would be slower."""
 
 
 class Window(NamedTuple):
-    """The part of a bag that is played: log times [ns], both ends included."""
+    """The part of a bag to play: first and last log time [ns], both included."""
 
     start: int
     end: int
 
 
 def window(first: int, last: int, start_offset: float, playback_duration: float) -> Window:
-    """Return the part to play of a bag with messages from ``first`` to ``last`` [ns].
+    """Return the part to play of a bag.
 
-    The offset from the first message and the duration are in [s]; a negative duration means all.
+    Args:
+        first: [ns] log time of the first message.
+        last: [ns] log time of the last message.
+        start_offset: [s] time from the first message to the start of the part.
+        playback_duration: [s] duration of the part; negative: all.
 
     Raises:
         InvalidValueError: if the offset is longer than the bag.
@@ -54,14 +58,14 @@ def window(first: int, last: int, start_offset: float, playback_duration: float)
 
 
 def nanoseconds(seconds: float) -> int:
-    """Return a time [s] as [ns]; a time since 1970 keeps the digits that its float has."""
+    """Convert [s] to [ns] without a loss of precision."""
     whole = math.floor(seconds)
-    # Multiplied as one float, a time since 1970 would be rounded to 256 ns.
+    # A product of floats would round a time since 1970 to 256 ns.
     return whole * NS_PER_S + round((seconds - whole) * NS_PER_S)
 
 
 def duration_text(duration: int) -> str:
-    """Return a duration [ns] in the largest unit that it has at least two of, such as ``56.7 years``."""
+    """Return a duration [ns] as text in a suitable unit, such as ``56.7 years``."""
     for seconds, unit in ((31_556_952, "years"), (86_400, "days"), (3600, "hours"), (60, "minutes")):
         if duration >= 2 * seconds * NS_PER_S:
             return f"{duration / NS_PER_S / seconds:.1f} {unit}"
@@ -69,10 +73,10 @@ def duration_text(duration: int) -> str:
 
 
 class Timeline(NamedTuple):
-    """Relation of the bag's time to steady time: at ``steady`` [ns] the bag is at ``bag`` [ns].
+    """Relation of bag time to steady time: bag time is ``bag`` [ns] at steady time ``steady`` [ns].
 
-    From there on the bag's time advances ``rate`` times as fast as steady time, and not at all while ``paused``. With a
-    rate of 0 every message is due at once, and the bag's time is the time of the last message sent.
+    From there, bag time advances ``rate`` times as fast as steady time. It does not advance while ``paused``. With a
+    rate of 0 every message is due at once, and bag time is the log time of the last message.
     """
 
     bag: int
@@ -81,34 +85,34 @@ class Timeline(NamedTuple):
     paused: bool = False
 
     def at(self, now: int) -> int:
-        """Return the time of the bag [ns] at steady time ``now`` [ns]."""
+        """Return the bag time [ns] at steady time ``now`` [ns]."""
         return self.bag if self.paused else self.bag + round((now - self.steady) * self.rate)
 
     def due(self, log_time: int) -> int:
-        """Return the steady time [ns] at which a message is due, provided that the replay is not paused before."""
+        """Return the steady time [ns] at which a message is due if the replay is not paused."""
         return self.steady + (round((log_time - self.bag) / self.rate) if self.rate else 0)
 
     def moved_to(self, now: int) -> Timeline:
-        """Return the same timeline with steady time ``now`` [ns] as its origin, so that its rate can be changed."""
+        """Return the same timeline with its origin at steady time ``now`` [ns], so that the rate can be changed."""
         return self._replace(bag=self.at(now), steady=now)
 
 
 class SteadyClock:
-    """Steady time of this machine; tests replace it."""
+    """Steady clock of this machine; tests use another one."""
 
     def now(self) -> int:
-        """Return the time [ns], from an arbitrary origin."""
+        """Return the steady time [ns]."""
         return time.perf_counter_ns()
 
     def sleep_until(self, target: int) -> None:
-        """Return at ``target`` [ns], or at once if it is over; late by a microsecond on a free processor."""
+        """Sleep until ``target`` [ns], with an error of a microsecond on an idle processor."""
         if (remaining := target - self.now()) > SPIN:
             time.sleep((remaining - SPIN) / NS_PER_S)
         while self.now() < target:
             pass
 
     def wait(self, condition: threading.Condition, duration: int | None) -> None:
-        """Wait until ``condition``, which the caller holds, is notified, at most ``duration`` [ns]; None: no limit."""
+        """Wait for a notification of ``condition``, for at most ``duration`` [ns]; None: no limit."""
         condition.wait(None if duration is None else min(duration / NS_PER_S, LONGEST_WAIT))
 
 
@@ -116,45 +120,45 @@ class Progress(NamedTuple):
     """Progress of a replay."""
 
     bag_time: int
-    """[ns]"""
+    """[ns] current bag time"""
     sent: int
-    """messages sent, over all rounds, without the repeated latched ones"""
+    """number of messages sent in all rounds, without repeated latched messages"""
     is_paused: bool
     rounds: int
-    """rounds begun"""
+    """number of rounds, including the current one"""
     rate: float
     """bag time per steady time; 0: as fast as possible"""
 
 
 class Source(NamedTuple):
-    """Functions that read the messages of a replay."""
+    """Functions from which a player reads messages."""
 
     messages: Callable[[int], Iterable[RawMessage]]
-    """messages from a log time [ns] on, itself included, to the end of the window, in the order of log time"""
+    """returns the messages from a log time [ns] to the end of the window, in the order of log time"""
     latched: Callable[[int], Iterable[RawMessage]] = lambda _: ()
-    """messages before a log time [ns] that a late subscriber would receive: sent before the first one from there on"""
+    """returns the earlier latched messages that a subscriber would receive at a log time [ns]"""
 
 
 class Sink(NamedTuple):
-    """Functions that receive what a replay sends."""
+    """Functions to which a player sends messages, clock and reports."""
 
     send: Callable[[RawMessage], None]
-    """sends one message; may block until there is room for it"""
+    """sends one message; may block until subscribers have acknowledged earlier messages"""
     send_clock: Callable[[int], None]
-    """publishes a time of the bag [ns] on /clock"""
+    """publishes a bag time [ns] on /clock"""
     report_gap: Callable[[int, int], None]
-    """reports a gap between two log times [ns] that is waited for"""
+    """reports that the player waits for the end of a gap between two log times [ns]"""
 
 
 class Player:
-    """Sends messages when they are due; :meth:`play` blocks its thread, the other methods are for other threads."""
+    """Sends messages when they are due. :meth:`play` blocks; other threads call the other methods meanwhile."""
 
     def __init__(
         self, window: Window, source: Source, sink: Sink, config: ReplayConfig, clock: SteadyClock | None = None
     ) -> None:
-        """Prepare the replay of a window, the part of the bag to play, at the speed of ``config``."""
+        """Prepare to play a window of a bag with the settings of ``config``."""
         self.lateness: deque[int] = deque(maxlen=LATENESS_SAMPLES)
-        """[ns] delays of recent messages behind their due times"""
+        """[ns] delays of recent messages after their due times"""
         self._window, self._source, self._sink = window, source, sink
         self._loop, self._skip_gaps = config.loop, config.skip_gaps
         self._clock = clock or SteadyClock()
@@ -179,38 +183,37 @@ class Player:
 
     @contextlib.contextmanager
     def _change(self) -> Iterator[int]:
-        """Hold the lock, give the steady time [ns], and wake the playing thread at the end."""
+        """Hold the lock, yield the steady time [ns], and notify the playing thread at the end."""
         with self._changed:
             yield self._clock.now()
             self._changed.notify_all()
 
     def pause(self, paused: bool = True) -> None:
-        """Pause or resume the replay; a step that was requested and is not sent yet is withdrawn."""
+        """Pause or resume the replay, and cancel a requested step."""
         with self._change() as now:
             if self._timeline.paused != paused:
                 self._timeline = self._timeline.moved_to(now)._replace(paused=paused)
             self._step_until = 0
 
     def stop(self) -> None:
-        """Stop the replay after the message that is being sent."""
+        """Stop the replay after the current message."""
         with self._change():
             self._stopped = True
 
     def set_rate(self, rate: float) -> None:
-        """Play at another rate, > 0, from now on."""
+        """Change the rate, which must be > 0."""
         with self._change() as now:
             self._timeline = self._timeline.moved_to(now)._replace(rate=rate)
 
     def set_skip_gaps(self, skip: bool) -> None:
-        """Skip gaps, or wait for their end, from now on; a gap that is waited for ends at once."""
+        """Skip gaps, including the current one, or wait for their end."""
         with self._change():
             self._skip_gaps = skip
 
     def seek(self, log_time: int) -> bool:
-        """Continue with the first message at or after ``log_time`` [ns], of the window; return False after the end.
+        """Continue with the first message at or after ``log_time`` [ns]; return False if the replay has ended.
 
-        At most the message that is being sent is still sent, then the latched messages of earlier times. A paused
-        replay stays paused.
+        The earlier latched messages are sent first. A paused replay stays paused.
         """
         with self._change() as now:
             if self._ended:
@@ -220,10 +223,10 @@ class Player:
             return True
 
     def step(self, timeout: float = STEP_TIMEOUT) -> bool:
-        """Send the next message of a paused replay; return False if it is not paused, has ended or is too slow.
+        """Send the next message of a paused replay; return True if it was sent.
 
         Args:
-            timeout: [s] longest wait until the message is sent; it is not sent later. 0: do not wait.
+            timeout: [s] longest wait until the message is sent; afterwards the request is cancelled. 0: do not wait.
         """
         with self._changed:
             if not self._timeline.paused or self._ended:
@@ -238,7 +241,7 @@ class Player:
             return self._sent >= target
 
     def play(self) -> None:
-        """Play until the end or :meth:`stop`.
+        """Play until the end of the window, or until :meth:`stop` is called.
 
         Raises:
             DiffbotError: if the bag is damaged.
@@ -248,7 +251,7 @@ class Player:
                 before = self._sent
                 self._rounds += 1
                 was_sought = self._play_round()
-                # Without messages a loop would never wait.
+                # A loop without messages would never wait.
                 if not self._loop or (self._sent == before and not was_sought):
                     return
         finally:
@@ -256,7 +259,7 @@ class Player:
                 self._ended = True
 
     def _play_round(self) -> bool:
-        """Play from the start of the window to its end; return True if a seek led to another position meanwhile."""
+        """Play from the start of the window to its end; return True if there was a seek."""
         start, was_sought = self._window.start, False
         while not self._stopped:
             with self._changed:
@@ -268,7 +271,7 @@ class Player:
         return was_sought
 
     def _play_from(self, start: int) -> None:
-        """Play from a log time [ns] until the end, a stop or a seek."""
+        """Play from a log time [ns] to the end of the window, or until a stop or a seek."""
         for message in self._source.latched(start):
             self._sink.send(message)
         with read_ahead(self._source.messages(start)) as messages:
@@ -286,7 +289,7 @@ class Player:
                     self._sent += 1
 
     def _wait_until_due(self, log_time: int, previous: int) -> bool:
-        """Wait until a message is due and publish /clock meanwhile; return False after a stop or a seek."""
+        """Publish /clock until a message is due; return False after a stop or a seek."""
         is_gap, is_reported = log_time - previous > GAP, False
         while True:
             with self._changed:
@@ -301,7 +304,7 @@ class Player:
                 if is_gap and not is_reported and due is not None and due - now > NS_PER_S:
                     is_reported = True
                     self._sink.report_gap(previous, log_time)
-                target = min((one for one in (tick, due) if one is not None), default=None)
+                target = min((deadline for deadline in (tick, due) if deadline is not None), default=None)
                 if target is None or target - now > COARSE:
                     self._clock.wait(self._changed, None if target is None else target - now - COARSE // 2)
                     continue
@@ -317,7 +320,7 @@ class Player:
                 return True
 
     def _advance(self, timeline: Timeline, log_time: int) -> bool:
-        """Set the bag's time to a message that is sent as fast as possible; return False if something changed."""
+        """Set bag time to the log time of a message that is due at once; return False if the timeline has changed."""
         with self._changed:
             if self._timeline is not timeline:
                 return False
@@ -340,9 +343,9 @@ class Player:
 
 @contextlib.contextmanager
 def read_ahead(messages: Iterable[RawMessage]) -> Iterator[Iterator[RawMessage]]:
-    """Give an iterator over messages that a thread reads in advance, so that unpacking a chunk delays no message.
+    """Yield an iterator over messages that a thread reads ahead, so that unpacking a chunk does not delay messages.
 
-    An exception of the reading thread is raised by the iterator. The thread ends with the ``with`` block.
+    The iterator raises the exceptions of the thread. The thread ends at the end of the ``with`` block.
     """
     items: queue.Queue[list[RawMessage] | Exception | None] = queue.Queue(BATCHES)
     stop = threading.Event()
@@ -358,7 +361,7 @@ def read_ahead(messages: Iterable[RawMessage]) -> Iterator[Iterator[RawMessage]]
                     batch = []
                 if stop.is_set():
                     return
-        except Exception as error:  # raised again by the iterator, after the messages read before it
+        except Exception as error:  # raised by the iterator, after the messages that were read before
             end = error
         items.put(batch)
         items.put(end)
@@ -375,7 +378,7 @@ def read_ahead(messages: Iterable[RawMessage]) -> Iterator[Iterator[RawMessage]]
         yield iterate()
     finally:
         stop.set()
-        # The thread may be blocked by a full queue.
+        # Empty the queue: the thread blocks while it is full.
         while thread.is_alive():
             with contextlib.suppress(queue.Empty):
                 items.get_nowait()

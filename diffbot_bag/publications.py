@@ -1,4 +1,4 @@
-"""The publishers of a replay, one per topic, and the waits for their subscribers."""
+"""Publish the messages of a replay with one publisher per topic, and wait for their subscribers."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from diffbot_core.errors import DiffbotError, shown
 RCLError = rclpy_implementation.RCLError
 CLOCK_TOPIC = "/clock"
 MAX_UNACKNOWLEDGED = 200
-"""Messages of all topics together that reliable subscribers may not have acknowledged, as fast as possible."""
+"""Largest number of unacknowledged messages of all topics together, when playing as fast as possible."""
 POLL = 0.02
-"""[s] between two checks of the subscribers"""
+"""[s] time between two checks of the subscribers"""
 SETTLE = 0.25
-"""[s] allowance for discovery and last messages to reach the subscribers, which publishers cannot observe"""
+"""[s] additional time for discovery and for last messages, which a publisher cannot observe"""
 
 
 class Publications:
@@ -34,18 +34,18 @@ class Publications:
     def __init__(
         self, node: Node, topics: Mapping[str, Topic], overrides: Mapping[str, Qos], *, bounded: bool = False
     ) -> None:
-        """Create the publishers; topics that cannot be published are logged and left out.
+        """Create the publishers; log the topics that cannot be published.
 
         Args:
-            node: of the publishers.
+            node: node of the publishers.
             topics: topics of the bag by name.
-            overrides: QoS by the topic's name in the bag, in place of the recorded QoS.
-            bounded: wait for acknowledgement whenever MAX_UNACKNOWLEDGED messages were sent.
+            overrides: QoS by the name of the topic in the bag, which replaces the recorded QoS.
+            bounded: wait for acknowledgement after each MAX_UNACKNOWLEDGED messages.
         """
         self.stop = threading.Event()
-        """ends all waiting when set"""
+        """ends all waits when it is set"""
         self.latched: set[str] = set()
-        """topics whose last message is kept for late subscribers, by their names in the bag"""
+        """names in the bag of the topics whose last messages are kept for late subscribers"""
         self._node = node
         self._publishers: dict[str, Any] = {}
         self._depth = max(1, MAX_UNACKNOWLEDGED // max(1, len(topics))) if bounded else 0
@@ -55,14 +55,14 @@ class Publications:
             try:
                 self._create(topic, overrides.get(topic.name) or to_offer(topic.qos))
             except (DiffbotError, InvalidTopicNameException, RCLError) as error:
-                self._warn(topic.name, f"is not played: {error}")
+                self._warn(f"{topic.name} is not played: {error}")
 
     def _create(self, topic: Topic, offer: Qos) -> None:
         if topic.encoding != CDR:
-            raise DiffbotError(f"its encoding is {shown(topic.encoding)}, and ROS 2 messages are {CDR}")
+            raise DiffbotError(f"its encoding is {shown(topic.encoding)}: must be {CDR}")
         if self._depth:
-            # A full history makes DDS ask for acknowledgement at once instead of at its next heartbeat. As many latched
-            # messages are kept for late subscribers as without a bound.
+            # If the history is full, DDS requests acknowledgement at once, not at its next heartbeat. A latched topic
+            # keeps its depth, which is the number of messages for late subscribers.
             depth = offer.depth if offer.is_latched else self._depth
             offer = offer._replace(reliability="reliable", history="keep_last", depth=depth)
         kind = message_class(topic.type)
@@ -70,19 +70,19 @@ class Publications:
         if offer.is_latched:
             self.latched.add(topic.name)
 
-    def _warn(self, topic: str, text: str) -> None:
-        self._node.get_logger().warning(f"{shown(topic)} {shown(' '.join(text.split()))}")
+    def _warn(self, text: str) -> None:
+        self._node.get_logger().warning(shown(" ".join(text.split())))
 
     @property
     def names(self) -> Collection[str]:
-        """The topics that are published, by their names in the bag."""
+        """Names in the bag of the topics that are published."""
         return self._publishers.keys()
 
     def send(self, message: RawMessage) -> None:
-        """Publish a message; without effect once the replay is to stop.
+        """Publish a message, unless ``stop`` is set.
 
-        A message that the middleware refuses, such as one with more bytes than its type can have, is left out; the
-        first one of a topic is logged.
+        A message that the middleware refuses is dropped, for example if it is longer than its type allows. The first
+        one of each topic is logged.
         """
         name, publisher = message.topic, self._publishers[message.topic]
         if self._depth:
@@ -98,19 +98,19 @@ class Publications:
         except RCLError as error:
             if name not in self._refused:
                 self._refused.add(name)
-                self._warn(name, f"has a message that cannot be published: {error}")
+                self._warn(f"{name}: a message cannot be published (logged once): {error}")
 
     def wait_for_subscribers(self, timeout: float) -> None:
-        """Wait until each topic has a subscriber, ``timeout`` [s] at most.
+        """Wait until each topic has a subscriber, for at most ``timeout`` [s].
 
-        A publisher is matched a moment before its subscriber is, hence the additional wait of SETTLE.
+        A publisher knows its subscriber before the subscriber knows the publisher, so this waits SETTLE longer.
         """
         missing = self._wait(lambda publisher: publisher.get_subscription_count() > 0, timeout)
         if len(missing) < len(self._publishers):
             self.stop.wait(SETTLE)
 
     def wait_until_acknowledged(self, timeout: float) -> set[str]:
-        """Wait until reliable subscribers have acknowledged all messages, ``timeout`` [s] at most.
+        """Wait until reliable subscribers have acknowledged all messages, for at most ``timeout`` [s].
 
         Returns:
             Topics with messages that are not acknowledged.
@@ -119,7 +119,7 @@ class Publications:
         return self._wait(lambda publisher: publisher.wait_for_all_acked(Duration(seconds=POLL)), timeout)
 
     def _wait(self, is_ready: Callable[[Any], bool], timeout: float) -> set[str]:
-        """Wait for all publishers, ``timeout`` [s] at most; return the topics of those that are not ready."""
+        """Wait until all publishers are ready, for at most ``timeout`` [s]; return the topics that are not ready."""
         missing, deadline = set(self._publishers), time.monotonic() + timeout
         while not self.stop.is_set():
             missing = {name for name in missing if not is_ready(self._publishers[name])}

@@ -1,31 +1,31 @@
-"""Quality of service as plain values, and the selection of topics: no ROS is needed.
+"""Quality of service without ROS, with the names of rosbag2's YAML.
 
-Policies are named as in rosbag2's YAML. A bag stores the profiles that the publishers of a topic offered. The recorder
-chooses a request that matches all offers, the replay an offer that replaces all recorded publishers.
+A bag stores the profile that each publisher of a topic offered. The recorder subscribes with a profile that is
+compatible with all offers. The replay publishes with one profile that replaces all recorded publishers.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import yaml
 
+from diffbot_bag.topic_selection import absolute
 from diffbot_core.errors import DiffbotError, InvalidValueError, shown
 from diffbot_core.files import read_text
 from diffbot_core.yaml_files import load_yaml
 
 INFINITE = 2**63 - 1
-"""[ns] ROS's value of an infinite duration: 9223372036 s 854775807 ns"""
+"""[ns] value of an infinite duration in ROS: 9223372036 s 854775807 ns"""
 QUEUE_DEPTH = 10_000
-"""Messages of a volatile topic that wait for the recorder, or that a replay keeps for slow subscribers."""
+"""Queue depth of the recorder's subscriptions and of the publishers of volatile topics in a replay."""
 MAX_DEPTH = 1_000_000
 MAX_FILE_SIZE = 2**20
-"""[bytes] of a file with QoS overrides"""
-# Up to version 8, metadata.yaml holds policies as the integers of rmw.
-_WORDS = {
+"""[bytes] largest file with QoS overrides"""
+# Up to version 8, metadata.yaml stores each policy as an integer of rmw, the index in these lists.
+_POLICIES = {
     "history": ("system_default", "keep_last", "keep_all", "unknown"),
     "reliability": ("system_default", "reliable", "best_effort", "unknown", "best_available"),
     "durability": ("system_default", "transient_local", "volatile", "unknown", "best_available"),
@@ -35,7 +35,7 @@ _DURATIONS = ("deadline", "lifespan", "liveliness_lease_duration")
 
 
 class Qos(NamedTuple):
-    """One QoS profile; policies in rosbag2's words, durations [ns] (INFINITE: no limit)."""
+    """A QoS profile; durations in [ns], INFINITE for no limit."""
 
     history: str = "unknown"
     depth: int = 0
@@ -49,12 +49,12 @@ class Qos(NamedTuple):
 
     @property
     def is_latched(self) -> bool:
-        """True if the publisher keeps its last messages for late subscribers."""
+        """True if a publisher with this profile keeps its last messages for late subscribers."""
         return self.durability == "transient_local"
 
 
 def to_plain(qos: Qos) -> dict[str, Any]:
-    """Return the profile in the form of rosbag2's YAML."""
+    """Convert a profile to the map that rosbag2 writes as YAML."""
     plain: dict[str, Any] = qos._asdict()
     for name in _DURATIONS:
         sec, nsec = divmod(plain[name], 10**9)
@@ -63,57 +63,60 @@ def to_plain(qos: Qos) -> dict[str, Any]:
 
 
 def from_plain(plain: Mapping[str, Any]) -> Qos:
-    """Read a profile written by any version of rosbag2. Missing fields get their defaults, unknown ones are ignored.
+    """Read a profile of any version of rosbag2. Missing fields get their defaults, unknown fields are ignored.
 
     Raises:
-        DiffbotError: if a value is invalid, such as a depth that is not a number.
+        DiffbotError: if the value of a field is not allowed.
     """
-    known = {name: value for name, value in plain.items() if name in Qos._fields}
-    try:
-        for name, words in _WORDS.items():
-            if name in known:
-                value = known[name]
-                known[name] = words[range(len(words))[value] if isinstance(value, int) else words.index(value)]
-        for name in _DURATIONS:
-            if name in known:
-                known[name] = _nanoseconds(known[name])
-        known["depth"] = int(known.get("depth", 0))
-        if not 0 <= known["depth"] < 2**64 or not isinstance(known.get("avoid_ros_namespace_conventions", False), bool):
-            raise ValueError("depth")
-    except (IndexError, KeyError, TypeError, ValueError, OverflowError) as error:
-        raise DiffbotError(f"{shown(dict(plain))} is not a QoS profile") from error
-    return Qos(**known)
+    fields: dict[str, Any] = {}
+    for name in Qos._fields:
+        if name not in plain:
+            continue
+        try:
+            fields[name] = _read_field(name, plain[name])
+        except (LookupError, TypeError, ValueError, OverflowError) as error:
+            raise DiffbotError(f"{name} = {shown(plain[name])} is not a value of a QoS profile") from error
+    return Qos(**fields)
 
 
-def _nanoseconds(duration: Mapping[str, int]) -> int:
-    total = int(duration["sec"]) * 10**9 + int(duration["nsec"])
-    # Foxy wrote 2147483647 s 4294967295 ns for an infinite duration.
-    return INFINITE if total <= 0 or total >= 2147483647 * 10**9 else total
+def _read_field(name: str, value: Any) -> Any:
+    """Convert the value of one field; an error of any type means that it is not allowed."""
+    if policies := _POLICIES.get(name):
+        return policies[range(len(policies))[value] if isinstance(value, int) else policies.index(value)]
+    if name in _DURATIONS:
+        duration = int(value["sec"]) * 10**9 + int(value["nsec"])
+        # Foxy wrote 2147483647 s 4294967295 ns for an infinite duration.
+        return INFINITE if duration <= 0 or duration >= 2147483647 * 10**9 else duration
+    if name == "depth" and 0 <= int(value) < 2**64:
+        return int(value)
+    if name == "avoid_ros_namespace_conventions" and isinstance(value, bool):
+        return value
+    raise ValueError(name)
 
 
 def dump_profiles(profiles: Sequence[Qos]) -> str:
-    """Return the YAML text of channel metadata ``offered_qos_profiles``."""
+    """Return the YAML text for ``offered_qos_profiles`` in the metadata of an MCAP channel."""
     return yaml.safe_dump([to_plain(qos) for qos in profiles], sort_keys=False) if profiles else ""
 
 
 def load_profiles(stored: Any) -> tuple[Qos, ...]:
-    """Read ``offered_qos_profiles``: YAML text (channel, metadata.yaml up to version 8) or a list (version 9).
+    """Read ``offered_qos_profiles``: a list (metadata.yaml version 9) or YAML text (earlier versions, MCAP channels).
 
     Raises:
-        DiffbotError: if it is neither.
+        DiffbotError: if it is not a list of QoS profiles.
     """
     profiles = load_yaml(stored, "offered_qos_profiles") if stored and isinstance(stored, str) else stored
     if not profiles:
         return ()
     if not isinstance(profiles, list) or not all(isinstance(item, Mapping) for item in profiles):
-        raise DiffbotError(f"offered_qos_profiles is not a list of profiles: {shown(profiles)}")
+        raise DiffbotError(f"offered_qos_profiles = {shown(profiles)}: must be a list of QoS profiles")
     return tuple(from_plain(item) for item in profiles)
 
 
 def to_request(offers: Sequence[Qos]) -> Qos:
-    """Return the QoS of a subscription that is compatible with every offer and queues QUEUE_DEPTH messages.
+    """Return the QoS of a subscription that is compatible with every offer.
 
-    Request reliable delivery and transient local durability only if every publisher offers it.
+    It requests reliable delivery or transient local durability only if every publisher offers it.
     """
     reliable = bool(offers) and all(offer.reliability == "reliable" for offer in offers)
     latched = bool(offers) and all(offer.is_latched for offer in offers)
@@ -128,21 +131,22 @@ def to_request(offers: Sequence[Qos]) -> Qos:
 def to_offer(recorded: Sequence[Qos]) -> Qos:
     """Return the QoS of the one publisher that replaces all recorded publishers of a topic.
 
-    Offer the strongest reliability and durability recorded, which every subscriber accepts; deadline, lifespan and
-    liveliness only where all publishers agree. Discovery does not report the history: a latched topic keeps one message
-    per original publisher, other topics keep QUEUE_DEPTH.
+    It offers the strongest reliability and durability that were recorded, which every subscriber accepts. It offers
+    deadline, lifespan and liveliness only if all recorded profiles are equal. The recorded depth is often 0, because
+    discovery does not report it. So a latched topic keeps at least one message for each recorded publisher, and other
+    topics keep at least QUEUE_DEPTH messages.
     """
     if not recorded:
         return Qos(history="keep_last", depth=QUEUE_DEPTH)
     agreed = recorded[0] if len(set(recorded)) == 1 else Qos()
-    # The replay does not assert liveliness by hand, so a manual policy would be violated.
+    # The replay does not assert its liveliness, as a manual policy requires.
     automatic = agreed.liveliness == "automatic"
     latched = any(offer.is_latched for offer in recorded)
     depth = min(max(offer.depth for offer in recorded), MAX_DEPTH)
     return Qos(
         history="keep_last",
         depth=max(depth, len(recorded)) if latched else max(depth, QUEUE_DEPTH),
-        reliability="best_effort" if all(one.reliability == "best_effort" for one in recorded) else "reliable",
+        reliability="best_effort" if all(offer.reliability == "best_effort" for offer in recorded) else "reliable",
         durability="transient_local" if latched else "volatile",
         deadline=agreed.deadline,
         lifespan=agreed.lifespan,
@@ -151,14 +155,17 @@ def to_offer(recorded: Sequence[Qos]) -> Qos:
 
 
 def read_overrides(path: str, namespace: str = "/") -> dict[str, Qos]:
-    """Read a file as of ``ros2 bag --qos-profile-overrides-path``; return the QoS by absolute topic name.
+    """Read a file of QoS overrides, with the format of ``ros2 bag --qos-profile-overrides-path``.
 
     Args:
-        path: of a YAML file that maps topics to policies (the fields of Qos). Empty: no overrides.
-        namespace: of relative topic names.
+        path: YAML file that maps topics to policies (the fields of Qos). Empty: there are no overrides.
+        namespace: namespace of relative topic names.
+
+    Returns:
+        QoS by absolute topic name.
 
     Raises:
-        DiffbotError: if the file cannot be read, or a topic, policy or value in it is not allowed.
+        DiffbotError: if the file cannot be read, or a policy or its value is not allowed.
     """
     if not path:
         return {}
@@ -179,64 +186,13 @@ def _override(plain: Any) -> Qos:
     if not isinstance(plain, Mapping):
         raise DiffbotError("must be a map of QoS policies")
     if unknown := [name for name in plain if name not in Qos._fields]:
-        raise DiffbotError(f"{shown(unknown[0])!r}: must be one of {', '.join(Qos._fields)}")
+        raise DiffbotError(f"{shown(unknown[0])!r} is not a QoS policy: must be one of {', '.join(Qos._fields)}")
     qos = from_plain({"history": "keep_last", "depth": QUEUE_DEPTH, **plain})
     if not 1 <= qos.depth <= MAX_DEPTH:
         raise InvalidValueError("depth", qos.depth, f">= 1 and <= {MAX_DEPTH}")
-    for name in _WORDS:
-        # Policies that discovery reports or resolves; an endpoint cannot be created with them.
-        if getattr(qos, name) in ("unknown", "best_available"):
-            raise InvalidValueError(name, getattr(qos, name), "a policy of a subscription")
+    for name, policies in _POLICIES.items():
+        # Only discovery reports or resolves these; an endpoint cannot be created with them.
+        if (value := getattr(qos, name)) in ("unknown", "best_available"):
+            allowed = [policy for policy in policies if policy not in ("unknown", "best_available")]
+            raise InvalidValueError(name, value, f"one of {', '.join(allowed)}")
     return qos
-
-
-class TopicSelection(NamedTuple):
-    """Topics by name and by regular expression of the whole name; if neither is given, all match. Exclusions win."""
-
-    topics: Sequence[str] = ()
-    regex: str = ""
-    exclude_topics: Sequence[str] = ()
-    exclude_regex: str = ""
-    include_hidden_topics: bool = False
-
-    def selects(self, topic: str) -> bool:
-        """True if a topic (absolute name) is selected; a hidden one has to be named or included."""
-        if topic in self.exclude_topics or (self.exclude_regex and re.fullmatch(self.exclude_regex, topic)):
-            return False
-        if topic in self.topics:
-            return True
-        if is_hidden(topic) and not self.include_hidden_topics:
-            return False
-        if self.regex:
-            return re.fullmatch(self.regex, topic) is not None
-        return not self.topics
-
-
-def selection_of(config: Any, namespace: str, include_hidden_topics: bool) -> TopicSelection:
-    """Return the selection by the parameters of a node (topics, regex, ...); relative names are of its namespace."""
-    return TopicSelection(
-        [absolute(name, namespace) for name in config.topics],
-        config.regex,
-        [absolute(name, namespace) for name in config.exclude_topics],
-        config.exclude_regex,
-        include_hidden_topics,
-    )
-
-
-def check_regex(**patterns: str) -> None:
-    """Raise InvalidValueError, naming the parameter, if a regular expression is invalid."""
-    for name, pattern in patterns.items():
-        try:
-            re.compile(pattern)
-        except re.error as error:
-            raise InvalidValueError(name, pattern, f"a regular expression ({error})") from error
-
-
-def is_hidden(name: str) -> bool:
-    """True if a part of the name of a topic or node begins with an underscore."""
-    return "/_" in f"/{name}"
-
-
-def absolute(topic: str, namespace: str = "/") -> str:
-    """Return the absolute form of a topic name given in a namespace."""
-    return topic if topic.startswith("/") else f"{namespace.rstrip('/')}/{topic}"

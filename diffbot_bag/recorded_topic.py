@@ -1,4 +1,4 @@
-"""One topic that is being recorded: its subscription, its losses, and the publishers that do not match."""
+"""Subscribe to one topic to record, count its losses, and adapt its QoS to publishers that join later."""
 
 from __future__ import annotations
 
@@ -12,50 +12,51 @@ from diffbot_bag.qos import Qos, to_request
 from diffbot_core.ros.watches import full_name
 
 Receive = Callable[[bytes, dict[str, Any]], None]
+_BEST_EFFORT, _VOLATILE = "its reliability is best effort", "its durability is volatile"
 
 
 class RecordedTopic:
-    """A topic: its channel in the bag, its subscription, and the publishers that do not match the subscription."""
+    """A topic with its channel in the bag, its subscription and its losses."""
 
-    def __init__(self, name: str, type_name: str, channel: int, request: Qos, fixed: bool) -> None:
-        """Start without a subscription; ``request`` is its QoS, ``fixed`` if a file of overrides gives it."""
+    def __init__(self, node: Any, name: str, type_name: str, channel: int, request: Qos, fixed: bool) -> None:
+        """Start without a subscription. ``request`` is its QoS, which never changes if it is ``fixed``."""
+        self._node = node
         self.name, self.type_name, self.channel, self.request, self.fixed = name, type_name, channel, request, fixed
         self.losses = LossCounter(self.publisher_count)
         self.received = 0
-        """messages accepted"""
-        self.polls = 0
-        """times that the topic was looked at since it was subscribed to"""
+        """number of received messages"""
+        self.checks = 0
+        """number of calls of :meth:`check_publishers`"""
         self.unmatched: dict[str, str] = {}
-        """why a publisher is not recorded, by the name of its node"""
+        """reason why a publisher is not recorded, by the name of its node"""
         self._subscription: Any = None
-        self._subscribed = 0
-        """times that the topic was subscribed to"""
+        self._subscription_number = 0
         self._receive: Receive = lambda _data, _info: None
 
     def publisher_count(self) -> int:
         """Return the number of matched publishers."""
         return int(self._subscription.get_publisher_count())
 
-    def subscribe(self, node: Any, receive: Receive) -> None:
-        """Subscribe to the raw messages; ``receive`` is called with the bytes and the info of each."""
+    def subscribe(self, receive: Receive) -> None:
+        """Subscribe to the raw messages; ``receive`` is called with the bytes and the info of each message."""
         self._receive = receive
-        self._subscribed = number = self._subscribed + 1
+        self._subscription_number = number = self._subscription_number + 1
 
         def adapted(data: Any, info: Any = None) -> None:
             if info is None:
-                # The EventsExecutor of rclpy 7.1.6 passes one pair, other executors two arguments.
+                # The EventsExecutor of rclpy 7.1.6 passes one tuple, other executors pass two arguments.
                 data, info = data
-            # An executor may serve an earlier subscription for a moment after it was destroyed.
-            if number == self._subscribed:
+            # An executor may still call the callback of a destroyed subscription.
+            if number == self._subscription_number:
                 receive(data, info)
 
-        # rclpy inspects the signature to find out whether to pass the info.
+        # rclpy inspects the signature to decide whether to pass the info.
         adapted.__signature__ = inspect.signature(receive)  # type: ignore[attr-defined]
         kind, qos = message_class(self.type_name), to_ros(self.request)
-        self._subscription = node.create_subscription(kind, self.name, adapted, qos, raw=True)
+        self._subscription = self._node.create_subscription(kind, self.name, adapted, qos, raw=True)
 
-    def take_pending(self) -> int | None:
-        """Receive one message that no executor has taken; return its source timestamp [ns], None without a message."""
+    def take_queued(self) -> int | None:
+        """Receive one message from the queue of the subscription; return its source timestamp [ns], None if empty."""
         with self._subscription.handle:
             taken = self._subscription.handle.take_message(self._subscription.msg_type, True)
         if taken is None:
@@ -63,40 +64,51 @@ class RecordedTopic:
         self._receive(*taken)
         return int(taken[1]["source_timestamp"])
 
-    def find_unmatched(self, node: Any) -> dict[str, str]:
-        """Look at the publishers of the graph; return those newly found unmatched, with the reason."""
-        self.polls += 1
+    def check_publishers(self) -> bool:
+        """Subscribe again if a publisher offers a weaker QoS; log publishers that are not recorded.
+
+        Return True if a publisher that is not recorded was found, or the reason has changed.
+        """
+        self.checks += 1
         before, self.unmatched = self.unmatched, {}
-        if node.count_publishers(self.name) > self.publisher_count():
-            publishers = node.get_publishers_info_by_topic(self.name)
-            reasons = ((full_name(one), self._mismatch(one)) for one in publishers)
+        if self._node.count_publishers(self.name) > self.publisher_count():
+            publishers = self._node.get_publishers_info_by_topic(self.name)
+            reasons = ((full_name(publisher), self._mismatch(publisher)) for publisher in publishers)
             self.unmatched = {name: reason for name, reason in reasons if reason}
-        return {name: reason for name, reason in self.unmatched.items() if before.get(name) != reason}
+        new = {name: reason for name, reason in self.unmatched.items() if before.get(name) != reason}
+        is_weaker = any(reason in (_BEST_EFFORT, _VOLATILE) for reason in new.values()) and self._weaken()
+        logger = self._node.get_logger()
+        for publisher, reason in new.items():
+            if is_weaker and reason in (_BEST_EFFORT, _VOLATILE):
+                logger.info(f"subscribed to {self.name} again, with the QoS of {publisher}: {reason}")
+            else:
+                logger.warning(f"{self.name} of {publisher} is not recorded: {reason}")
+        return bool(new)
 
     def _mismatch(self, publisher: Any) -> str:
-        """Return why the subscription does not match a publisher; empty if it does, even if a moment later."""
+        """Return the reason why the subscription does not match a publisher; empty if it does or will match it."""
         if publisher.topic_type != self.type_name:
-            return f"its type is {publisher.topic_type}"
+            return f"its type is {publisher.topic_type}, but {self.type_name} is recorded"
         offered = from_ros(publisher.qos_profile)
         if self.request.reliability == "reliable" and offered.reliability == "best_effort":
-            return "it offers best effort only"
+            return _BEST_EFFORT
         if self.request.durability == "transient_local" and offered.durability == "volatile":
-            return "it is not transient local"
+            return _VOLATILE
         return ""
 
-    def weaken(self, node: Any) -> bool:
-        """Subscribe again so that all publishers of the topic's type match; return False if that is not possible.
+    def _weaken(self) -> bool:
+        """Subscribe again with a QoS that matches all publishers of the topic's type; return False if it is fixed.
 
-        Messages sent between the two subscriptions are lost, and counted.
+        Messages that are sent between the two subscriptions are lost, and counted as lost.
         """
-        publishers = node.get_publishers_info_by_topic(self.name)
-        same = offers([one for one in publishers if one.topic_type == self.type_name])
-        request = to_request((*same, self.request))
+        publishers = self._node.get_publishers_info_by_topic(self.name)
+        offered = offers([publisher for publisher in publishers if publisher.topic_type == self.type_name])
+        request = to_request((*offered, self.request))
         if self.fixed or request == self.request:
             return False
-        while self.take_pending() is not None:
+        while self.take_queued() is not None:
             pass
-        node.destroy_subscription(self._subscription)
+        self._node.destroy_subscription(self._subscription)
         self.request = request
-        self.subscribe(node, self._receive)
+        self.subscribe(self._receive)
         return True

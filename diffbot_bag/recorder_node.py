@@ -1,4 +1,4 @@
-"""The node ``recorder``: writes the messages of topics, their times, offered QoS and losses to a rosbag2 MCAP bag."""
+"""The node ``recorder``: records topics to a rosbag2 MCAP bag, with the offered QoS and the number of lost messages."""
 
 from __future__ import annotations
 
@@ -16,8 +16,9 @@ from diffbot_bag.bag_files import FileLimits
 from diffbot_bag.conversions import message_class, offers, type_hash
 from diffbot_bag.node_parameters import NodeParameters
 from diffbot_bag.parameters import RecorderConfig
-from diffbot_bag.qos import read_overrides, selection_of, to_request
+from diffbot_bag.qos import read_overrides, to_request
 from diffbot_bag.recorded_topic import Receive, RecordedTopic
+from diffbot_bag.topic_selection import selection_of
 from diffbot_bag.writer import CHUNK_SIZE, BagWriteError, BagWriter
 from diffbot_core.errors import DiffbotError
 from diffbot_core.ros.node import DiffbotNode, status_message
@@ -26,17 +27,17 @@ from diffbot_core.ros.run import run
 from diffbot_core.stamps import NS_PER_S
 
 POLL_PERIOD = 0.1
-"""[s] between two looks at the topics and publishers of the graph, and between two steps of requesting parameters"""
+"""[s] time between two checks of the topics and publishers of the graph"""
 STATUS_PERIOD = 0.5
-"""[s] between two ~/status messages while only counts change, and between two checks of the disk"""
+"""[s] time between two ~/status messages without events, and between two checks of the disk"""
 MIN_FREE_SPACE = 64 * 1024**2
-"""[bytes] Recording ends with less space on the disk."""
+"""[bytes] Recording ends if the disk has less free space."""
 QUIET = 0.05
-"""[s] without a message after which, at the end, no more are expected"""
+"""[s] At the end, the recorder stops waiting for queued messages after this time without a message."""
 
 
-class Held(NamedTuple):
-    """A message that waits for the first simulated time; the arguments of BagWriter.write."""
+class HeldMessage(NamedTuple):
+    """A message that waits for the first /clock: the arguments of BagWriter.write."""
 
     channel: int
     data: bytes
@@ -51,7 +52,7 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
     qos_by_parameters = False
 
     def __init__(self, **node_options: Any) -> None:
-        """Create the bag and subscribe to the topics present.
+        """Create the bag and subscribe to the topics of the graph.
 
         Raises:
             DiffbotError: if a parameter is not allowed or the bag cannot be created.
@@ -66,14 +67,17 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
             raise
         self._selection = selection_of(config, namespace, config.include_hidden_topics)
         self._topics: dict[str, RecordedTopic] = {}
-        self._refused: set[str] = set()
+        self._ignored: set[str] = set()
+        """topics that are not selected or cannot be recorded"""
         self._paused, self._simulated = config.start_paused, bool(self.get_parameter("use_sim_time").value)
-        self._held: list[Held] = []
-        self._held_bytes = self._unwritten = self._delay = 0
+        self._held: list[HeldMessage] = []
+        self._held_bytes = self._unwritten = 0
+        self._max_delay = 0
+        """[ns] longest time from the reception of a message to its writing"""
         self._error_reported = False
         self._status = self.create_publisher(DiagnosticStatus, "~/status", LATCHED)
-        self._last_status: tuple[str, ...] = ("",)
-        self._parameters_of_all = NodeParameters(
+        self._last_matched: tuple[str, ...] = ("",)
+        self._node_parameters = NodeParameters(
             self, lambda data: self._writer.attach(PARAMETERS, "application/json", data)
         )
         self._offer_services()
@@ -99,14 +103,14 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
             (STATUS_PERIOD, self._check_and_report),
         ]
         if self.config.record_parameters:
-            work.append((POLL_PERIOD, self._parameters_of_all.poll))
+            work.append((POLL_PERIOD, self._node_parameters.poll))
         for period, task in work:
             self.create_timer(period, self._unless_failed(task), clock=self.steady_clock)
-        # Contained: an error in the first update must not keep the node from closing the bag.
-        self.contained(self._unless_failed(self.update_subscriptions), "the first look for topics")()
+        # An exception of the first update must not leave the constructor: the node has to close the bag.
+        self.contained(self._unless_failed(self.update_subscriptions), "the first search for topics")()
 
     def _unless_failed(self, task: Callable[[], None]) -> Callable[[], None]:
-        """Return a function that calls ``task`` while the bag is open, and ends the recording after an error."""
+        """Return a function that calls ``task`` while the bag is open, and ends the recording if writing fails."""
 
         def guarded() -> None:
             if self._writer.closed:
@@ -129,40 +133,32 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         self.finish(1)
 
     def update_subscriptions(self) -> None:
-        """Subscribe to new topics of the graph, and again to topics with a publisher that does not match."""
+        """Subscribe to new topics of the graph, and again to topics whose subscription does not match a publisher."""
         for name, types in self.get_topic_names_and_types():
-            if name in self._topics or name in self._refused or name == self._status.topic_name:
+            if name in self._topics or name in self._ignored or name == self._status.topic_name:
                 continue
             if not self._selection.selects(name):
-                self._refused.add(name)
+                self._ignored.add(name)
             elif len(types) > 1:
-                self._refuse(name, f"has several types ({', '.join(types)})")
+                self._refuse(name, f"it has several types ({', '.join(types)})")
             else:
                 self._start(name, types[0])
-        news = False
+        has_changed = False
         for topic in self._topics.values():
-            for publisher, reason in topic.find_unmatched(self).items():
-                news = True
-                self._record_unmatched(topic, publisher, reason)
+            has_changed = topic.check_publishers() or has_changed
             topic.losses.note_publishers()
             self._writer.note_publishers(topic.channel, topic.losses.publishers)
             self.health.accepted[topic.name] = topic.received
             if topic.losses.lost:
                 self.health.dropped[topic.name, "lost"] = topic.losses.lost
-            else:  # a suspected gap may have been withdrawn
+            else:  # the counter may have subtracted a suspected gap
                 self.health.dropped.pop((topic.name, "lost"), None)
-        if news or self._matched() != self._last_status:
+        if has_changed or self._matched() != self._last_matched:
             self._publish_status()
 
-    def _record_unmatched(self, topic: RecordedTopic, publisher: str, reason: str) -> None:
-        if reason.startswith("its type") or not topic.weaken(self):
-            self.get_logger().warning(f"{topic.name}: {publisher} is not recorded: {reason}")
-        else:
-            self.get_logger().info(f"{topic.name}: subscribed again because of {publisher}: {reason}")
-
     def _refuse(self, name: str, reason: str) -> None:
-        self._refused.add(name)
-        self.get_logger().warning(f"{name} is not recorded: it {reason}")
+        self._ignored.add(name)
+        self.get_logger().warning(f"{name} is not recorded: {reason}")
 
     def _start(self, name: str, type_name: str) -> None:
         publishers = self.get_publishers_info_by_topic(name)
@@ -171,20 +167,20 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         try:
             message_class(type_name)
         except DiffbotError as error:
-            self._refuse(name, f"has a type that cannot be loaded: {error}")
+            self._refuse(name, str(error))
             return
-        # Until it is subscribed to: an error of the middleware must not add a channel at each look.
-        self._refused.add(name)
+        # If the middleware raises an error, the topic stays ignored: every new attempt would add a channel.
+        self._ignored.add(name)
         offered, override = offers(publishers), self._overrides.get(name)
         channel = self._writer.add_topic(name, type_name, offered, type_hash(publishers))
-        topic = RecordedTopic(name, type_name, channel, override or to_request(offered), override is not None)
-        topic.subscribe(self, self._receiver(topic))
+        topic = RecordedTopic(self, name, type_name, channel, override or to_request(offered), override is not None)
+        topic.subscribe(self._receiver(topic))
         self._topics[name] = topic
-        self._refused.discard(name)
+        self._ignored.discard(name)
         self.get_logger().info(f"subscribed to {name} [{type_name}]")
 
     def _receiver(self, topic: RecordedTopic) -> Receive:
-        """Return the callback of a topic; in one piece, since at 8 kHz each call inside costs a percent of a core."""
+        """Return the callback of a topic. It calls few functions: at 8 kHz, each call takes a percent of a core."""
         writer, write = self._writer, self._writer.write
         note, channel, now = topic.losses.note, topic.channel, time.time_ns
 
@@ -200,22 +196,22 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
             topic.received += 1
             try:
                 if self._paused or self._simulated:
-                    self._write_or_hold(topic, Held(channel, data, received, info["source_timestamp"], number))
+                    self._write_or_hold(topic, HeldMessage(channel, data, received, info["source_timestamp"], number))
                 else:
                     write(channel, data, received, info["source_timestamp"], number)
             except BagWriteError as error:
                 topic.received -= 1
                 self._unwritten += 1
                 self._fail(error)
-            if (delay := now() - received) > self._delay:
-                self._delay = delay
+            if (delay := now() - received) > self._max_delay:
+                self._max_delay = delay
 
         return receive
 
-    def _write_or_hold(self, topic: RecordedTopic, message: Held) -> None:
-        """Write a message with the simulated time if there is one, hold it before the first /clock, or skip it.
+    def _write_or_hold(self, topic: RecordedTopic, message: HeldMessage) -> None:
+        """Write a message with simulated time, hold it before the first /clock, or drop it during a pause.
 
-        Latched messages are recorded during a pause, too, since later messages cannot be understood without them.
+        Latched messages are also recorded during a pause, since they are needed to interpret later messages.
         """
         if self._paused and not self._writer.is_latched(topic.channel):
             return
@@ -227,12 +223,12 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         elif self._held_bytes + len(message.data) > self.config.max_cache_size:
             self.health.drop(topic.name, "no /clock yet")
         else:
-            # Written at once with time 0, the messages would stretch the bag by decades.
+            # A log time of 0 would make the bag decades long.
             self._held.append(message)
             self._held_bytes += len(message.data)
 
     def _release(self, sim_time: int) -> None:
-        """Write the held messages with a simulated time [ns]; 0: with their times of reception."""
+        """Write the held messages with a simulated time [ns] as log time; 0: with their times of reception."""
         held, self._held, self._held_bytes = self._held, [], 0
         for message in held:
             self._writer.write(*(message._replace(log_time=sim_time) if sim_time else message))
@@ -248,8 +244,13 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         self._publish_status()
 
     def _matched(self) -> tuple[str, ...]:
-        """Return topics with a matched publisher, a poll after subscribing: the publisher is matched by then, too."""
-        return tuple(sorted(one.name for one in self._topics.values() if one.polls > 1 and one.publisher_count()))
+        """Return the topics with a matched publisher.
+
+        A topic counts from its second check on, since a publisher is matched later than the subscription.
+        """
+        return tuple(
+            sorted(topic.name for topic in self._topics.values() if topic.checks > 1 and topic.publisher_count())
+        )
 
     def _lost(self) -> int:
         return self._unwritten + sum(topic.losses.lost for topic in self._topics.values())
@@ -265,7 +266,7 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         return "waiting for /clock" if is_waiting or self._held else "recording"
 
     def _publish_status(self) -> None:
-        self._last_status = self._matched()
+        self._last_matched = self._matched()
         lost, state = self._lost(), self._state()
         incomplete = sorted(topic.name for topic in self._topics.values() if topic.unmatched)
         level = DiagnosticStatus.WARN if lost or incomplete else DiagnosticStatus.OK
@@ -274,22 +275,22 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         values = {
             "uri": str(self._writer.folder),
             "file": self._writer.path.name,
-            "topics": " ".join(self._last_status),
+            "topics": " ".join(self._last_matched),
             "messages": str(self._writer.count),
             "lost": str(lost),
             "incomplete": " ".join(incomplete),
             "held": str(len(self._held)),
-            "delay": f"{self._delay / NS_PER_S:.6f}",
+            "delay": f"{self._max_delay / NS_PER_S:.6f}",
         }
         self._status.publish(status_message(self.get_fully_qualified_name(), level[0], state, values))
 
     def _offer_services(self) -> None:
-        """Offer rosbag2's services, as far as a Trigger can carry them."""
+        """Offer the services of rosbag2 that do not need arguments, as Triggers."""
 
         def split() -> tuple[bool, str]:
             name = self._writer.path.name
             self._writer.custom_data = self._custom_data()
-            return (True, f"{name} is complete") if self._writer.split() else (False, f"{name} has no message yet")
+            return (True, f"{name} is complete") if self._writer.split() else (False, f"{name} does not have messages")
 
         def pause(paused: bool) -> tuple[bool, str]:
             self._paused = paused
@@ -322,28 +323,28 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
 
         return answer
 
-    def _take_pending(self) -> None:
-        """At the end, record messages sent before now that are queued or still in transit."""
-        stop = time.time_ns()
-        waiting = dict(self._topics)
-        last = time.monotonic()
-        while waiting and not self._writer.closed and time.monotonic() - last < QUIET:
-            for name, topic in list(waiting.items()):
-                while name in waiting and (sent := topic.take_pending()) is not None:
-                    last = time.monotonic()
-                    if sent > stop:
-                        del waiting[name]
+    def _record_queued(self) -> None:
+        """Record messages that were sent before now and are queued or still in transit."""
+        now = time.time_ns()
+        unfinished = dict(self._topics)
+        last_reception = time.monotonic()
+        while unfinished and not self._writer.closed and time.monotonic() - last_reception < QUIET:
+            for name, topic in list(unfinished.items()):
+                while name in unfinished and (sent := topic.take_queued()) is not None:
+                    last_reception = time.monotonic()
+                    if sent > now:
+                        del unfinished[name]
             time.sleep(QUIET / 10)
 
     def before_shutdown(self) -> None:
-        """Write what was sent before now, close the bag and log the counts."""
+        """Record the messages that were sent before now, close the bag and log the numbers of messages."""
         try:
-            self._take_pending()
+            self._record_queued()
             if self._held and not self._writer.closed:
                 count = len(self._held)
-                self.get_logger().warning(f"no /clock received: {count} messages keep their time of reception")
+                self.get_logger().warning(f"/clock was not received: {count} messages keep their time of reception")
                 self._release(0)
-            self._parameters_of_all.close()
+            self._node_parameters.close()
             self._writer.custom_data = self._custom_data()
             self._writer.close()
         except BagWriteError as error:

@@ -1,4 +1,4 @@
-"""Repair a bag: write a complete one of every message that is intact in it."""
+"""Repair a bag: write the intact messages of a damaged or unfinished bag to a new one."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from mcap.summary import Summary
 from diffbot_bag.bag import topic_of
 from diffbot_bag.bag_files import LIBRARY
 from diffbot_bag.index import MAX_RECORD, MAX_TIME
-from diffbot_bag.metadata import FILE_NAME, BagMetadata, Topic, inside
+from diffbot_bag.metadata import FILE_NAME, BagMetadata, Topic, path_inside
 from diffbot_bag.metadata import read as read_metadata
 from diffbot_bag.writer import BagWriter, new_bag
 from diffbot_core.errors import DiffbotError, shown
@@ -29,59 +29,60 @@ from diffbot_core.files import MCAP, open_regular
 _RECORD = struct.Struct("<BQ")
 """Opcode and length of a record."""
 _CHUNK = struct.Struct("<BQQQQII")
-"""Opcode, length, start, end, unpacked size, checksum and length of the compression's name."""
+"""Opcode, length, start, end, uncompressed size, checksum, and length of the name of the compression."""
 _SIZE = struct.Struct("<Q")
+"""Size of the compressed records of a chunk."""
 _RECORD_PATTERN = re.compile(rb"[\x01-\x0f](?=.{5}\0{3})", re.DOTALL)
-"""Opcode and length of a record of less than 1 TiB."""
+"""Opcode and length of a record that is shorter than 1 TiB."""
 _BLOCK, _OVERLAP = 2**20, 8
-"""[bytes] searched at once, and how far a pattern reaches"""
+"""[bytes] size of the parts in which a file is searched, and of the overlap that the pattern needs"""
 _CHAIN = 3
-"""plausible records in a row that show that records begin again after a damaged place"""
+"""number of consecutive plausible records that show the end of a damaged place"""
 _PARSED = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.ATTACHMENT, Opcode.DATA_END}
 
 
 class _DamagedError(Exception):
-    """There is no intact record."""
+    """A record is damaged."""
 
 
 class Damage(NamedTuple):
-    """A place of a file that cannot be read."""
+    """A damaged place of a file."""
 
     file: str
     size: int
     """[bytes]"""
     before: int | None
-    """[ns] log time of the last message that was saved before it in this file; None without one"""
+    """[ns] log time of the last saved message before it in this file; None if there is none"""
     after: int | None
-    """[ns] log time of the first message that was saved after it"""
+    """[ns] log time of the first saved message after it; None if there is none"""
 
 
 class Repaired(NamedTuple):
-    """The repaired bag and the messages that could not be saved."""
+    """Metadata of the repaired bag, and what is lost."""
 
     metadata: BagMetadata
     damages: list[Damage]
     lost: Counter[str]
-    """messages that the index of a file lists and that could not be saved, by topic"""
+    """number of messages by topic that the index of a file lists and that could not be saved"""
     without_index: list[str]
-    """files without a valid index: they were cut off, not finished, or damaged at their end"""
+    """files without a valid index: cut off, not finished, or damaged at the end"""
     missing: list[str]
-    """files that metadata.yaml names and that do not exist"""
+    """files that metadata.yaml names but that do not exist"""
     unknown: list[str]
-    """made-up names of topics whose description is lost"""
+    """substitute names of topics whose names are lost"""
 
 
 class _Scan:
-    """Records of an MCAP file, across damaged places."""
+    """Reader of the records of an MCAP file that continues after damaged places."""
 
     def __init__(self, stream: BinaryIO) -> None:
         self._stream = stream
         self._size = os.fstat(stream.fileno()).st_size
 
     def pieces(self) -> Iterator[tuple[int, list[Any] | None]]:
-        """Yield size [bytes] and records of each record or chunk of the data; None for the records of a damaged place.
+        """Yield size [bytes] and records of each chunk or other record of the file.
 
-        Records that a repair does not need, such as indexes, are empty lists.
+        The records are None for a damaged place, and empty for a record that a repair does not need, such as an index.
         """
         at = len(MCAP)
         while at < self._size:
@@ -103,10 +104,10 @@ class _Scan:
         """Return the records at an offset, and the offset after them.
 
         Raises:
-            _DamagedError: if there is no intact record.
+            _DamagedError: if the record at the offset is damaged.
         """
         end, opcode = self._end(at), self._bytes(at, 1)[0]
-        # A chunk whose opcode or length is damaged is recognised by its checksum.
+        # If opcode or length may be damaged, try to read a chunk, which has a checksum.
         if opcode == Opcode.CHUNK or end is None or not (self._end(end) is not None or self._is_chunk(end)):
             return self._read_chunk(at)
         if opcode not in _PARSED:
@@ -137,7 +138,7 @@ class _Scan:
         return _parsed(lambda: breakup_chunk(chunk, validate_crc=True)), first + packed
 
     def _end(self, at: int) -> int | None:
-        """Return the end of the record that may begin here, or the end of the file; None if no record begins here."""
+        """Return the end of a record at an offset, or of the file; None if no record can begin at the offset."""
         prefix = self._bytes(at, _RECORD.size)
         if len(prefix) < _RECORD.size:
             return at if at == self._size else None
@@ -146,10 +147,10 @@ class _Scan:
         return end if 0 < opcode <= Opcode.DATA_END and end <= self._size else None
 
     def _next(self, damaged: int) -> int:
-        """Return where to go on after a damaged record.
+        """Return the offset at which to continue after a damaged record.
 
-        That is its end, if a record begins there, else the next intact chunk or row of plausible records, else the end
-        of the file.
+        This is the end of the record, if another record begins there. Otherwise it is the next intact chunk or chain of
+        plausible records, or the end of the file.
         """
         end = self._end(damaged)
         if end is not None and end < self._size and self._end(end) is not None:
@@ -179,20 +180,20 @@ def _parsed(read: Callable[[], Any]) -> Any:
         return read()
     except OSError:
         raise
-    except Exception as error:  # the library and the decompressors raise any error for damaged bytes
+    except Exception as error:  # damaged bytes make the library and the decompressors raise errors of many types
         raise _DamagedError from error
 
 
 def repair_bag(source: Path, target: Path, progress: Callable[[int], None] = lambda _: None) -> Repaired:
-    """Write a new bag of everything that is intact in another one.
+    """Write the intact messages and attachments of a bag to a new bag.
 
     Args:
-        source: folder or MCAP file, in any state.
+        source: folder or MCAP file.
         target: folder of the new bag, which must not exist. It appears when it is complete.
         progress: called with the number of bytes read since its last call.
 
     Raises:
-        DiffbotError: if there is no bag, a file of it changes meanwhile, or the new bag exists or cannot be written.
+        DiffbotError: if the bag is missing, one of its files changes meanwhile, or the new bag cannot be written.
     """
     files, missing, stored = _find_files(source.expanduser())
     with new_bag(target) as writer:
@@ -205,15 +206,15 @@ def repair_bag(source: Path, target: Path, progress: Callable[[int], None] = lam
                 copy.file(path.name, stream, progress)
                 after = os.stat(path)
             if (before.st_size, before.st_mtime_ns) != (after.st_size, after.st_mtime_ns):
-                raise DiffbotError(f"{shown(path)} has changed meanwhile: is it still being recorded?")
+                raise DiffbotError(f"{shown(path)} has changed while it was read: is it still being recorded?")
         writer.custom_data = stored.custom_data if stored else {}
     return Repaired(read_metadata(target), copy.damages, +copy.lost, copy.without_index, missing, copy.unknown)
 
 
 def _find_files(bag: Path) -> tuple[list[Path], list[str], BagMetadata | None]:
-    """Return the files of a bag, the names of missing ones, and its metadata, if that can be read.
+    """Return the existing files of a bag, the names of missing files, and the metadata if it can be read.
 
-    The files that metadata.yaml names come first, then all other MCAP files of the folder.
+    Files that metadata.yaml names come first, then all other MCAP files of the folder.
     """
     if not bag.is_dir():
         return [bag], [], None
@@ -221,24 +222,24 @@ def _find_files(bag: Path) -> tuple[list[Path], list[str], BagMetadata | None]:
         stored = read_metadata(bag) if (bag / FILE_NAME).exists() else None
     except DiffbotError:
         stored = None
-    # run_2 comes before run_10.
+    # Sort run_2 before run_10.
     found = sorted((path.name for path in bag.glob("*.mcap")), key=lambda name: (len(name), name))
     named = [file.name for file in stored.files] if stored else []
-    paths = {name: inside(bag, name) for name in [*named, *found]}
+    paths = {name: path_inside(bag, name) for name in [*named, *found]}
     files = [path for path in paths.values() if path.exists()]
     if not files:
-        raise DiffbotError(f"no bag in {shown(bag)}: it has no MCAP file")
+        raise DiffbotError(f"no bag in {shown(bag)}: it does not contain an MCAP file")
     return files, [name for name, path in paths.items() if not path.exists()], stored
 
 
 class _Copy:
-    """Copies files to a writer and notes what is lost."""
+    """Copies files to a writer and counts what is lost."""
 
     def __init__(self, writer: BagWriter, stored: tuple[Topic, ...]) -> None:
-        """Start without files; ``stored`` are the topics of metadata.yaml, in the order in which they were added."""
+        """Start without files; ``stored`` are the topics of metadata.yaml, in their order."""
         self._writer, self._stored = writer, stored
         self._numbers: dict[tuple[str, str], int] = {}
-        """Channels of the new bag by topic and type."""
+        """channel of the new bag by topic and type"""
         self._attached: dict[str, bytes] = {}
         self.damages: list[Damage] = []
         self.lost: Counter[str] = Counter()
@@ -246,7 +247,7 @@ class _Copy:
         self.unknown: list[str] = []
 
     def file(self, name: str, stream: BinaryIO, progress: Callable[[int], None]) -> None:
-        """Write the intact messages and attachments of a file."""
+        """Copy the intact messages and attachments of a file."""
         summary, is_own = _summary_of(stream)
         if summary is None:
             self.without_index.append(name)
@@ -263,7 +264,7 @@ class _Copy:
                 damage = Damage(name, size, last, None)
                 self.damages.append(damage)
             for record in records or ():
-                # Each file of a bag repeats its attachments.
+                # Copy an attachment once: each file of a bag repeats it.
                 if isinstance(record, Attachment) and self._attached.get(record.name) != record.data:
                     self._attached[record.name] = record.data
                     self._writer.attach(record.name, record.media_type, record.data)
@@ -281,13 +282,13 @@ class _Copy:
             self.lost[known.topic if known else _unknown(number)] += count - counts[number]
 
     def _channel(self, number: int, known: Summary, stored: tuple[Topic, ...]) -> int:
-        """Return the channel of the new bag for a channel of a file, which ``stored`` names in the order of numbers."""
+        """Return the channel of the new bag for channel ``number`` of a file; ``stored`` lists topics by channel."""
         channel = known.channels.get(number)
         schema = known.schemas.get(channel.schema_id) if channel else None
         if channel is not None:
             try:
                 topic = topic_of(channel, schema)
-            except DiffbotError:  # its QoS is damaged
+            except DiffbotError:  # the QoS is damaged
                 channel.metadata = {}
                 topic = topic_of(channel, schema)
         elif 0 < number <= len(stored):
@@ -308,10 +309,7 @@ def _unknown(number: int) -> str:
 
 
 def _summary_of(stream: BinaryIO) -> tuple[Summary | None, bool]:
-    """Return the index of a file, None if it has none or a damaged one, and True if BagWriter wrote the file.
-
-    BagWriter numbers the channels in the order of the topics in metadata.yaml.
-    """
+    """Return the summary of a file, or None if it is missing or damaged, and True if BagWriter wrote the file."""
 
     def read(part: Callable[[], Any]) -> Any:
         try:
@@ -325,7 +323,7 @@ def _summary_of(stream: BinaryIO) -> tuple[Summary | None, bool]:
 
 
 def _add_definitions(summary: Summary, stream: BinaryIO) -> None:
-    """Add the schemas and channels that are intact anywhere in a file."""
+    """Add all intact schemas and channels of a file to the summary."""
     for _, records in _Scan(stream).pieces():
         for record in records or ():
             if isinstance(record, Schema):

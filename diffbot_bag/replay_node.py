@@ -1,4 +1,4 @@
-"""The node ``replay``: publishes the messages of bags with the recorded QoS at the recorded times."""
+"""The node ``replay``: publishes the messages of bags at the recorded times with the recorded QoS."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ from diffbot_bag.metadata import Topic
 from diffbot_bag.parameters import MAX_RATE, MIN_RATE, ReplayConfig
 from diffbot_bag.player import Player, Sink, Source, duration_text, nanoseconds, window
 from diffbot_bag.publications import CLOCK_TOPIC, Publications
-from diffbot_bag.qos import read_overrides, selection_of
+from diffbot_bag.qos import read_overrides
+from diffbot_bag.topic_selection import selection_of
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.ros.node import DiffbotNode, status_message
 from diffbot_core.ros.qos import LATCHED, QUEUE
@@ -31,45 +32,47 @@ from diffbot_core.ros.run import run
 from diffbot_core.stamps import NS_PER_S
 
 STATUS_PERIOD = 0.5
-"""[s] between two ~/status messages"""
+"""[s] time between two ~/status messages"""
 KEY_PERIOD = 0.05
-"""[s] between two looks at the keyboard"""
+"""[s] time between two checks of the keyboard"""
 RATE_STEP = 0.1
 """[-] relative change of the rate by the arrow keys"""
 ACKNOWLEDGEMENT_TIMEOUT = 5.0
-"""[s] longest wait for reliable subscribers at the end"""
+"""[s] longest wait for reliable subscribers at the end of the replay"""
 MAX_CLOCK = 2**31 * NS_PER_S
-"""[ns] times that do not fit into builtin_interfaces/Time"""
+"""[ns] first time that builtin_interfaces/Time cannot hold"""
 SWITCH_INTERVAL = 0.0005
-"""[s] after which Python switches threads; with the default of 5 ms, reading ahead would delay messages"""
+"""[s] time after which Python switches threads; with its default of 5 ms, reading ahead delays messages"""
 PLAYER_NAME = "rosbag2_player"
-"""Name of rosbag2's node, below which its clients find its services."""
+"""Name of rosbag2's node, which its clients use for the names of services."""
 
 
 class ReplayNode(DiffbotNode[ReplayConfig]):
-    """Publishes the messages of one bag, or of several merged by time, then exits."""
+    """Publishes the messages of one bag, or of several bags merged by log time, then exits."""
 
     qos_by_parameters = False
 
     def __init__(self, **node_options: Any) -> None:
-        """Open the bags, create a publisher per topic and start to play.
+        """Open the bags, create a publisher for each topic and start to play.
 
         Raises:
             DiffbotError: if a parameter is not allowed or a bag cannot be read.
         """
         super().__init__("replay", ReplayConfig, **node_options)
         config = self.config
-        with ExitStack() as refused:
-            refused.callback(self.destroy_node)
+        with ExitStack() as on_error:
+            on_error.callback(self.destroy_node)
             if not config.uri:
                 raise InvalidValueError("uri", "", "the folder of a bag or an MCAP file")
             self._bags = bags = MergedBags([Path(path) for path in (config.uri, *config.bags)])
-            refused.callback(bags.close)
+            on_error.callback(bags.close)
             for warning in bags.warnings:
                 self.get_logger().warning(warning)
             topics = self._selected_topics()
             if config.clock > 0.0 and bags.end >= MAX_CLOCK:
-                raise DiffbotError(f"{bags} ends at {bags.end} ns, which /clock cannot hold")
+                raise DiffbotError(
+                    f"{bags} ends at {bags.end} ns, which /clock cannot hold: set the parameter clock to 0"
+                )
             self._window = window(bags.start, bags.end, config.start_offset, config.playback_duration)
             overrides = read_overrides(config.qos_profile_overrides_path, self.get_namespace())
             self._publications = Publications(self, topics, overrides, bounded=config.as_fast_as_possible)
@@ -78,7 +81,7 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
             self._player = self._make_player()
             if config.seek >= 0.0:
                 self._player.seek(self._time_of(config.seek))
-            refused.pop_all()
+            on_error.pop_all()
         self._state = "waiting for subscribers"
         self._status = self.create_publisher(DiagnosticStatus, "~/status", LATCHED)
         self._keyboard = self._open_keyboard()
@@ -98,10 +101,10 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
                 self.get_logger().warning(f"{name} is not in the bag")
         selected = {name: topic for name, topic in known.items() if selection.selects(name)}
         if config.clock > 0.0:
-            # Two publishers of /clock would make time jump back and forth.
+            # With two publishers of /clock, time would jump back and forth.
             selected.pop(CLOCK_TOPIC, None)
         if not any(topic.message_count for topic in selected.values()):
-            raise DiffbotError(f"{self._bags} has no message to play")
+            raise DiffbotError(f"{self._bags} does not contain messages of the selected topics")
         return selected
 
     def _make_player(self) -> Player:
@@ -130,8 +133,8 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
     def _report_gap(self, start: int, end: int) -> None:
         position, name = (start - self._bags.start) / NS_PER_S, self.get_fully_qualified_name()
         self.get_logger().warning(
-            f"gap of {duration_text(end - start)} without a message at {position:.3f} s of the bag, from {utc(start)}"
-            f" to {utc(end)}: to skip it, ros2 param set {name} skip_gaps true, or start with skip_gaps"
+            f"gap of {duration_text(end - start)} without messages at {position:.3f} s of the bag, from {utc(start)}"
+            f" to {utc(end)}: to skip it, call `ros2 param set {name} skip_gaps true`, or start with skip_gaps"
         )
 
     def _play(self) -> None:
@@ -145,7 +148,9 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
             missing = self._publications.wait_until_acknowledged(ACKNOWLEDGEMENT_TIMEOUT)
             if missing and not self._publications.stop.is_set():
                 names = " ".join(sorted(missing))
-                self.get_logger().warning(f"not acknowledged after {ACKNOWLEDGEMENT_TIMEOUT:g} s: {names}")
+                self.get_logger().warning(
+                    f"some subscribers have not acknowledged all messages after {ACKNOWLEDGEMENT_TIMEOUT:g} s: {names}"
+                )
             self._state = "stopped" if self._publications.stop.is_set() else "done"
             exit_code = 0
         except DiffbotError as error:
@@ -154,12 +159,12 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
         finally:
             self.finish(exit_code)
 
-    def _log_end(self, took: float) -> None:
-        late = sorted(self._player.lateness)
-        text = f"{self._player.progress().sent} messages in {took:.3f} s"
-        if late:
-            median, high = late[len(late) // 2], late[min(len(late) - 1, len(late) * 99 // 100)]
-            text += f"; late: median {median / 1e3:.1f} us, 99 % within {high / 1e6:.2f} ms"
+    def _log_end(self, duration: float) -> None:
+        lateness = sorted(self._player.lateness)
+        text = f"{self._player.progress().sent} messages in {duration:.3f} s"
+        if lateness:
+            median, p99 = (lateness[len(lateness) * percent // 100] for percent in (50, 99))
+            text += f"; late: median {median / 1e3:.1f} us, 99 % within {p99 / 1e6:.2f} ms"
         self.get_logger().info(text)
 
     def _publish_status(self) -> None:
@@ -183,7 +188,7 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
         self._player.stop()
 
     def _time_of(self, seek: float) -> int:
-        """Return the log time [ns] of a value [s] of the parameter ``seek``."""
+        """Return the log time [ns] for a value [s] of the parameter ``seek``."""
         log_time, origin = self._bags.start + nanoseconds(seek), self._bags.start
         if not self._window.start <= log_time <= self._window.end:
             low, high = ((bound - origin) / NS_PER_S for bound in self._window)
@@ -196,14 +201,14 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
             if values.get("seek", -1.0) >= 0.0:
                 self._time_of(values["seek"])
             if config.as_fast_as_possible and values.get("rate", config.rate) != config.rate:
-                sentence = "the rate has no effect with as_fast_as_possible"
+                sentence = "the rate cannot be changed with as_fast_as_possible"
                 raise InvalidValueError("rate", values["rate"], sentence=sentence)
         except DiffbotError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
     def _apply(self, changes: list[Any]) -> None:
-        # By their values: rclpy calls the callback added last first, so that the node's config may be the old one.
+        # Do not read self.config: rclpy calls the callback that was added last first, so the config may be the old one.
         for change in changes:
             if change.name == "rate" and not self.config.as_fast_as_possible:
                 self._player.set_rate(change.value)
@@ -220,12 +225,12 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
         if self.config.disable_keyboard_controls or not (keyboard := Keyboard()).is_open:
             return None
         self.get_logger().info(
-            "keys: space pauses and resumes, right sends one message of a paused replay, up and down change the rate"
+            "keys: space pauses and resumes, right sends the next message while paused, up and down change the rate"
         )
-        self.create_timer(KEY_PERIOD, lambda: self._obey(keyboard.pressed()), clock=self.steady_clock)
+        self.create_timer(KEY_PERIOD, lambda: self._on_keys(keyboard.pressed()), clock=self.steady_clock)
         return keyboard
 
-    def _obey(self, keys: list[str]) -> None:
+    def _on_keys(self, keys: list[str]) -> None:
         for key in keys:
             if key == SPACE:
                 self._pause(not self._is_paused())
@@ -245,15 +250,15 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
         return self._player.progress().is_paused
 
     def _offer_services(self) -> None:
-        """Offer Triggers under the node's name and, where rosbag2_interfaces is installed, the services of rosbag2.
+        """Offer Triggers below the node's name and, if rosbag2_interfaces is installed, the services of rosbag2.
 
-        A Trigger carries no argument: seek and set_rate are parameters there.
+        A Trigger does not have arguments, so seek and set_rate are parameters instead.
         """
         for name, action in self._actions().items():
             if name not in ("seek", "set_rate"):
-                self.create_service(Trigger, f"~/{name}", self._answering(action, self._to_trigger))
+                self.create_service(Trigger, f"~/{name}", self._service_callback(action, self._to_trigger))
         try:
-            from rosbag2_interfaces import srv  # noqa: PLC0415 - no wheel contains it
+            from rosbag2_interfaces import srv  # noqa: PLC0415 - not available as a wheel
         except ImportError:
             return
         self.offer_rosbag2_services(srv)
@@ -262,10 +267,10 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
         """Offer the services of rosbag2's player; ``types`` is the module rosbag2_interfaces.srv."""
         for name, action in self._actions().items():
             kind = getattr(types, "".join(word.capitalize() for word in name.split("_")))
-            self.create_service(kind, f"{PLAYER_NAME}/{name}", self._answering(action, lambda fields: fields))
+            self.create_service(kind, f"{PLAYER_NAME}/{name}", self._service_callback(action, lambda fields: fields))
 
     def _actions(self) -> dict[str, Callable[[Any], dict[str, Any]]]:
-        """Return a function per service that returns the fields of rosbag2's response, given the request."""
+        """Return a function for each service; it returns the fields of rosbag2's response to a request."""
         player = self._player
 
         def seek(request: Any) -> dict[str, Any]:
@@ -289,21 +294,21 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
         }
 
     def _to_trigger(self, fields: dict[str, Any]) -> dict[str, Any]:
-        """Return the fields of a Trigger's response: the rate in text, or the state of the player."""
+        """Return the fields of a Trigger's response, with the rate or the state of the player as message."""
         state = "stopped" if self._publications.stop.is_set() else "paused" if self._is_paused() else "playing"
         text = f"{fields['rate']:g}" if "rate" in fields else state
         return {"success": fields.get("success", True), "message": text}
 
-    def _answering(
+    def _service_callback(
         self, action: Callable[[Any], dict[str, Any]], to_response: Callable[[dict[str, Any]], dict[str, Any]]
     ) -> Callable[[Any, Any], Any]:
-        def answer(request: Any, response: Any) -> Any:
+        def respond(request: Any, response: Any) -> Any:
             for field, value in to_response(action(request)).items():
                 setattr(response, field, value)
             self._publish_status()
             return response
 
-        return answer
+        return respond
 
     def before_shutdown(self) -> None:
         """Stop the player, restore the terminal and close the bags."""
@@ -316,7 +321,7 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
 
 
 def utc(log_time: int) -> str:
-    """Return a log time [ns] as date and time in UTC."""
+    """Return a log time [ns] as text, with date and time in UTC."""
     moment = datetime.datetime.fromtimestamp(log_time // NS_PER_S, datetime.timezone.utc)
     return moment.strftime("%Y-%m-%d %H:%M:%S UTC")
 

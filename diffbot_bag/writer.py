@@ -1,7 +1,7 @@
-"""Write a rosbag2 bag: a folder with MCAP files, readable up to the last flush at any time, and metadata.yaml.
+"""Write a rosbag2 bag: a folder with MCAP files and metadata.yaml, readable up to the last flush at any time.
 
-The thread that writes messages only collects them. A worker thread packs each batch as one chunk, compresses it and
-waits for the disk, so that messages are received meanwhile.
+The calling thread only collects messages. A worker thread writes each batch as one compressed chunk and waits for the
+disk, so that a slow disk does not delay the receiving of messages.
 """
 
 from __future__ import annotations
@@ -30,23 +30,23 @@ from diffbot_bag.qos import Qos
 from diffbot_core.errors import DiffbotError
 
 CHUNK_SIZE = 512 * 1024
-"""[bytes] of a chunk before compression; messages not yet in a chunk are lost if the process dies"""
+"""[bytes] size of a chunk before compression; messages that are not in a chunk yet are lost if the process dies"""
 MAX_BACKLOG = 100 * 2**20
-"""[bytes] of messages that wait for the disk"""
+"""[bytes] largest amount of messages that wait for the disk"""
 COMPRESSIONS = tuple(kind.name.lower() for kind in CompressionType)
 _OVERHEAD = 31
-"""[bytes] of a message in a chunk besides its data"""
+"""[bytes] size of a message in a chunk without its data"""
 
 
 class BagWriteError(DiffbotError):
-    """The bag cannot be written; what was flushed before remains readable."""
+    """The bag cannot be written. Messages that were flushed before remain readable."""
 
 
 class BagWriter:
     """Writer of one bag.
 
-    An error of the disk, such as a full one, raises BagWriteError at the call or at a later one, and closes the bag.
-    Each file begins with the latched messages of the files before it.
+    An error of the worker thread, such as a full disk, closes the bag and is raised as BagWriteError by the same call
+    or a later one. Each file begins with the latched messages of the files before it.
     """
 
     def __init__(
@@ -61,57 +61,59 @@ class BagWriter:
         """Create the folder and the file ``<folder name>_0.mcap`` in it.
 
         Args:
-            folder: of the bag; it must not exist.
-            chunk_size: [bytes] of a chunk before compression.
+            folder: folder of the bag; it must not exist.
+            chunk_size: [bytes] size of a chunk before compression.
             compression: one of COMPRESSIONS.
-            limits: of each file; None: no limits.
-            max_backlog: [bytes] that may wait for the disk; beyond, :meth:`write` waits.
+            limits: limits of each file; None: no limits.
+            max_backlog: [bytes] If more wait for the disk, :meth:`write` waits.
 
         Raises:
-            BagWriteError: if the folder exists already or cannot be created.
+            BagWriteError: if the folder already exists or cannot be created.
         """
         self.folder = Path(folder).expanduser().absolute()
         self._chunk_size, self._max_backlog = chunk_size, max_backlog
         self._rows: list[Row] = []
-        self._size = self._channels = self._handed = self._flushed = self._given = self._done = 0
+        self._rows_size = self._channels = self._flushed = self._bytes_submitted = self._bytes_done = 0
+        self.count = 0
+        """messages written so far, without repeated latched messages"""
         self.custom_data: Mapping[str, str] = {}
-        """notes for metadata.yaml; replace it as a whole"""
+        """notes for metadata.yaml; assign a new mapping to change them, since the worker thread reads it"""
         self.closed = False
-        """True after :meth:`close` or an error; nothing more can be written"""
+        """True after :meth:`close` or an error"""
         kind = CompressionType[compression.upper()]
         self._files = BagFiles(self.folder, kind, limits or FileLimits(), lambda: self.custom_data)
         self._error: BaseException | None = None
         try:
             self.folder.mkdir(parents=True)
         except FileExistsError as error:
-            raise BagWriteError(f"{self.folder} exists already: choose another name for the bag") from error
+            raise BagWriteError(f"{self.folder} already exists: choose another name for the bag") from error
         except OSError as error:
             raise BagWriteError(f"cannot create the bag {self.folder}: {error.strerror}") from error
         self._worker = ThreadPoolExecutor(1, "bag")
-        # Detect a full disk now rather than when the first chunk is full.
+        # Detect a full disk now, not when the first chunk is full.
         self._run(self._files.begin)
         self._wait_for(self._files.sync)
 
     @property
     def path(self) -> Path:
-        """The present MCAP file, or the last one."""
+        """The newest MCAP file."""
         return self._files.path
 
     def _run(self, job: Callable[[], object], size: int = 0) -> Future[object]:
-        """Hand a job that writes ``size`` [bytes] to the worker; raise the error of an earlier job."""
+        """Submit a job that writes ``size`` [bytes] to the worker; raise the error of an earlier job."""
         self._raise_failure()
-        self._given += size
+        self._bytes_submitted += size
         return self._worker.submit(self._do, job, size)
 
     def _do(self, job: Callable[[], object], size: int) -> object:
         try:
-            # After an error the file has a gap: nothing may follow.
+            # After an error the file has a gap, so later jobs must not write.
             return job() if self._error is None else None
-        except BaseException as error:  # raised again by the next call of a method
+        except BaseException as error:  # raised by _raise_failure in the calling thread
             self._error = error
             return None
         finally:
-            self._done += size
+            self._bytes_done += size
 
     def _wait_for(self, job: Callable[[], object]) -> object:
         result = self._run(job).result()
@@ -130,7 +132,7 @@ class BagWriter:
             raise error
         raise BagWriteError(
             f"cannot write {self.path}: {error.strerror}; the bag ends after about {self.count} messages"
-            " (it has no index: `diffbot bag repair` makes one)"
+            " (it does not have an index: `diffbot bag repair` adds one)"
         ) from error
 
     def add_topic(
@@ -145,49 +147,49 @@ class BagWriter:
         """Register a topic and return its channel for :meth:`write`.
 
         Args:
-            name: of the topic.
+            name: name of the topic.
             type_name: ``pkg/msg/Type``, or the name of the schema of another encoding.
-            qos: offered by its publishers.
-            type_hash: default: of the installed type.
-            encoding: of the messages, in MCAP's words.
-            schema: name, encoding and data count; default: the installed definition of the type. A type without one
-                gets an empty schema: its messages can be replayed, but not decoded from the bag alone.
+            qos: QoS that each publisher offers.
+            type_hash: hash of the type; by default the hash of the installed type.
+            encoding: MCAP's name of the message encoding.
+            schema: schema of the messages; its id is ignored. By default it is the installed definition of the type.
+                If the type is not installed, the schema is empty: the messages can be replayed, but not decoded.
         """
         if encoding == CDR:
             known_schema, known_hash = _installed(type_name)
             schema, type_hash = schema or known_schema, type_hash or known_hash
         topic = Topic(name, type_name, type_hash, tuple(qos), 0, encoding)
         self._channels += 1
-        if any(one.is_latched for one in topic.qos):
+        if any(offer.is_latched for offer in topic.qos):
             self._files.latched[self._channels] = LatchedRows(len(topic.qos))
         self._run(partial(self._files.add_channel, topic, schema))
         return self._channels
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
-        """Add an attachment to this file and the next ones; the newest of equal names counts."""
+        """Add an attachment to the current file and all later files; it replaces an earlier one with its name."""
         self._run(partial(self._files.attach, (name, media_type, data)))
 
     def write(self, channel: int, data: bytes, log_time: int, publish_time: int, sequence: int = 0) -> None:
         """Append one message; times in [ns].
 
         Raises:
-            DiffbotError: if a time is negative or beyond MAX_TIME; the message is not written.
+            DiffbotError: if a time is not in 0..MAX_TIME; the message is not written.
         """
         if not (0 <= log_time <= MAX_TIME and 0 <= publish_time <= MAX_TIME):
             raise DiffbotError(f"log time {log_time}, publish time {publish_time}: must be in 0..{MAX_TIME}")
         self._rows.append((channel, log_time, data, publish_time, sequence & 0xFFFFFFFF))
-        self._size += len(data) + _OVERHEAD
-        if self._size > self._chunk_size:
-            self._hand_over()
+        self.count += 1
+        self._rows_size += len(data) + _OVERHEAD
+        if self._rows_size > self._chunk_size:
+            self._submit_rows()
 
-    def _hand_over(self) -> None:
+    def _submit_rows(self) -> None:
         if not self._rows:
             return
-        rows, size = self._rows, self._size
-        self._rows, self._size = [], 0
-        self._handed += len(rows)
+        rows, size = self._rows, self._rows_size
+        self._rows, self._rows_size = [], 0
         self._run(partial(self._files.write, rows), size)
-        if self._given - self._done > self._max_backlog:
+        if self._bytes_submitted - self._bytes_done > self._max_backlog:
             self._wait_for(lambda: None)
 
     def is_latched(self, channel: int) -> bool:
@@ -195,25 +197,18 @@ class BagWriter:
         return channel in self._files.latched
 
     def note_publishers(self, channel: int, count: int) -> None:
-        """Set the number of publishers of a topic, which is the number of latched messages to keep."""
+        """Set the number of publishers of a latched topic, which is the number of its messages to keep."""
         if (latched := self._files.latched.get(channel)) is not None:
             latched.publishers = max(latched.publishers, count)
 
     def split(self) -> bool:
-        """End this file, if it has a message; the next message begins the next file.
-
-        Returns:
-            False if the file has no message.
-        """
-        self._hand_over()
+        """End the current file; the next message begins a new one. Return False if the file does not have messages."""
+        self._submit_rows()
         return bool(self._wait_for(self._files.split))
 
     def flush(self) -> None:
-        """Bring everything written so far to the disk, a moment later; it then survives a crash of the machine.
-
-        A file that has reached its largest size ends: few messages may never fill a chunk.
-        """
-        self._hand_over()
+        """Start to write all messages so far to the disk, where they survive a crash of the machine."""
+        self._submit_rows()
         count = self.count
 
         def flush() -> None:
@@ -223,41 +218,38 @@ class BagWriter:
         self._run(flush)
 
     @property
-    def count(self) -> int:
-        """Messages written so far, without latched ones that were repeated."""
-        return self._handed + len(self._rows)
-
-    @property
     def unflushed(self) -> int:
-        """Messages since the last flush; after an error, at most so many of those counted are not in the file."""
+        """Number of messages since the last flush. After an error, at most this many are missing in the file."""
         return self.count - self._flushed
 
     def check_disk(self, min_free: int) -> None:
-        """Check that the file is still where it was created, with ``min_free`` [bytes] of free space beside it.
+        """Check that the current file still exists and that its disk has ``min_free`` [bytes] of free space.
 
         Raises:
-            BagWriteError: if not. The bag stays open: what is left of the space is for its index.
+            BagWriteError: if not. The bag stays open, and the remaining space is used for its index.
         """
         try:
             self.path.stat()
             space = os.statvfs(self.folder)
         except OSError as error:
-            raise BagWriteError(f"{self.path} has gone while it was written: {error.strerror}") from error
+            raise BagWriteError(f"{self.path} was moved or deleted while it was written: {error.strerror}") from error
         if (free := space.f_bavail * space.f_frsize) < min_free:
-            raise BagWriteError(f"recording ends: {self.folder} has {free} bytes free: must be >= {min_free}")
+            raise BagWriteError(
+                f"recording ends: the disk of {self.folder} has {free} bytes of free space: must be >= {min_free}"
+            )
 
     def close(self) -> None:
         """Finish the file and write metadata.yaml; no effect on a closed bag."""
         if self.closed:
             return
-        self._hand_over()
+        self._submit_rows()
         self._wait_for(self._files.end)
         self.closed = True
         self._worker.shutdown()
 
 
 def _installed(type_name: str) -> tuple[Schema, str]:
-    """Return schema and hash of an installed type; empty if its package has none."""
+    """Return schema and hash of an installed type; both are empty if it is not installed."""
     schema, hash_text = Schema(0, b"", SchemaEncoding.SelfDescribing, type_name), ""
     with contextlib.suppress(DefinitionNotFoundError):
         schema = Schema(0, schema_text(type_name).encode(), SchemaEncoding.ROS2, type_name)
@@ -267,21 +259,21 @@ def _installed(type_name: str) -> tuple[Schema, str]:
 
 @contextlib.contextmanager
 def new_bag(folder: Path) -> Iterator[BagWriter]:
-    """Yield the writer of a bag that appears at ``folder`` when the ``with`` block ends; after a failure, nothing does.
+    """Yield the writer of a bag that appears at ``folder`` when the ``with`` block ends without an exception.
 
-    Other files of the bag belong into the writer's ``folder``.
+    Files that the caller adds to the bag have to be written into the writer's ``folder``.
 
     Raises:
-        BagWriteError: if ``folder`` exists already or cannot be written.
+        BagWriteError: if ``folder`` already exists or cannot be written.
     """
     folder = folder.expanduser().absolute()
     if os.path.lexists(folder):
-        raise BagWriteError(f"{folder} exists already: choose another name for the bag")
+        raise BagWriteError(f"{folder} already exists: choose another name for the bag")
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         part = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", suffix=".part", dir=folder.parent))
         try:
-            # The temporary folder has the bag's name, as the names of files contain it.
+            # Names of files contain the name of the folder, so the temporary folder has the name of the bag.
             writer = BagWriter(part / folder.name)
             try:
                 yield writer

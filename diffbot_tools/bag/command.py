@@ -10,7 +10,7 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from diffbot_bag.qos import TopicSelection, check_regex
+from diffbot_bag.topic_selection import TopicSelection, check_regex
 from diffbot_core.errors import DiffbotError, shown
 from diffbot_tools.bag.times import FORMS, parse_duration, parse_time, resolve_time
 
@@ -19,15 +19,13 @@ if TYPE_CHECKING:
 
 _BAG = "folder of the bag, or an .mcap file"
 _CHECK_HELP = """\
-exit status: 0 if every rule holds, 1 if one does not, 2 for a bag or contract that cannot be read and for wrong usage
+exit status: 0 if all rules hold, 1 if a rule does not hold, 2 if the bag or the contract cannot be read
 """
-Interval = tuple[int | None, int | None]
-"""Log times [ns] of the first message and just after the last; None: of the bag."""
 
 
 def add_bag(commands: Any) -> None:
     """Add ``diffbot bag`` to the subparsers of the command line."""
-    bag = commands.add_parser("bag", help="look at recorded bags, check and change them (docs/reference/bags.md)")
+    bag = commands.add_parser("bag", help="inspect, check, cut, merge and repair bags (docs/reference/bags.md)")
     verbs = bag.add_subparsers(required=True, metavar="VERB", dest="verb")
     for add in (_add_info, _add_check, _add_repair, _add_trim, _add_filter, _add_merge):
         add(verbs)
@@ -36,7 +34,7 @@ def add_bag(commands: Any) -> None:
 def _add_info(verbs: Any) -> None:
     info = verbs.add_parser("info", help="files, times and topics, with rates, gaps, losses and latency of stamps")
     info.add_argument("bag", type=Path, help=_BAG)
-    info.add_argument("--quick", action="store_true", help="only from the index: no figures of messages")
+    info.add_argument("--quick", action="store_true", help="read only the index, without figures of topics")
     info.add_argument("--json", action="store_true", help="print JSON (docs/reference/bags.md)")
     info.set_defaults(call=_info)
 
@@ -54,12 +52,14 @@ def _info(options: argparse.Namespace) -> int:
 
 def _add_check(verbs: Any) -> None:
     check = verbs.add_parser(
-        "check", help="compare a bag with a contract of topics, rates, gaps ...", epilog=_CHECK_HELP
+        "check", help="check a bag against a contract: topics, rates, gaps ...", epilog=_CHECK_HELP
     )
     check.add_argument("bag", type=Path, help=_BAG)
-    check.add_argument("contract", type=Path, metavar="CONTRACT.yaml", help="its rules (docs/reference/bag-check.md)")
+    check.add_argument(
+        "contract", type=Path, metavar="CONTRACT.yaml", help="rules for the bag (docs/reference/bag-check.md)"
+    )
     check.add_argument("--json", action="store_true", help="print the results as JSON")
-    # 1 means that a rule does not hold.
+    # Status 1 means that a rule does not hold.
     check.set_defaults(call=_check, error_status=2)
 
 
@@ -72,23 +72,23 @@ def _check(options: argparse.Namespace) -> int:
     contract = read_contract(options.contract.expanduser())
     with open_bag(options.bag, decodes=False) as reader, _bar("check", reader.message_count) as progress:
         results = check_bag(contract, info_of(reader, progress=progress), nis_shares(reader))
-    failed = sum(not one.passed for one in results)
+    failed = sum(not result.passed for result in results)
     if options.json:
         plain = {
             "schema_version": 1,
             "bag": str(options.bag),
             "contract": str(options.contract),
             "passed": not failed,
-            "results": [one._asdict() for one in results],
+            "results": [result._asdict() for result in results],
         }
         print(json.dumps(plain, indent=1))
     else:
-        print(*(one.line() for one in results), f"{len(results) - failed} of {len(results)} rules hold", sep="\n")
+        print(*(result.line() for result in results), f"{len(results) - failed} of {len(results)} rules hold", sep="\n")
     return 1 if failed else 0
 
 
 def _add_repair(verbs: Any) -> None:
-    repair = verbs.add_parser("repair", help="save what is intact of a truncated, unfinished or damaged bag")
+    repair = verbs.add_parser("repair", help="write the intact messages of a damaged or unfinished bag to a new one")
     _add_paths(repair)
     repair.set_defaults(call=_repair)
 
@@ -104,11 +104,13 @@ def _repair(options: argparse.Namespace) -> int:
 
 
 def _add_trim(verbs: Any) -> None:
-    trim = verbs.add_parser("trim", help="write a part of a bag, by time")
+    trim = verbs.add_parser("trim", help="write a span of time of a bag to a new one")
     _add_paths(trim)
     trim.add_argument("--from", dest="first", type=parse_time, metavar="TIME", help=f"earliest log time ({FORMS})")
-    trim.add_argument("--to", dest="last", type=parse_time, metavar="TIME", help="end, itself left out")
-    trim.add_argument("--last", dest="rest", type=parse_duration, metavar="DURATION", help="the end, e.g. 30s")
+    trim.add_argument("--to", dest="last", type=parse_time, metavar="TIME", help="log time at which the new bag ends")
+    trim.add_argument(
+        "--last", dest="rest", type=parse_duration, metavar="DURATION", help="keep the last part, e.g. 30s"
+    )
     trim.add_argument(
         "--no-latched",
         dest="latched",
@@ -122,34 +124,30 @@ def _trim(options: argparse.Namespace) -> int:
     first, last = options.first, options.last
     if options.rest is not None:
         if first or last:
-            options.parser.error("--last: not together with --from or --to")
+            options.parser.error("--last cannot be combined with --from or --to")
         first = ("end", -options.rest)
     elif not first and not last:
-        options.parser.error("one of --from, --to and --last is needed")
+        options.parser.error("give at least one of --from, --to and --last")
 
-    def interval(bags: MergedBags) -> Interval:
-        start, end = (resolve_time(one, bags.start, bags.end) if one else None for one in (first, last))
-        begin = bags.start if start is None else start
-        stop = bags.end + 1 if end is None else end
-        if begin >= stop or begin > bags.end or stop <= bags.start:
-            lasts = f"{bags.start * 1e-9:.9f} to {bags.end * 1e-9:.9f} s since 1970"
-            raise DiffbotError(f"--from, --to: must choose a part of the bag, which lasts from {lasts}")
-        # A cut from the start of the bag has no earlier messages.
-        return (None if begin <= bags.start else begin), end
-
-    return _cut([options.bag], options.out, interval, latched=options.latched)
+    with _open_bags([options.bag]) as bags:
+        start = resolve_time(first, bags.start, bags.end) if first else bags.start
+        end = resolve_time(last, bags.start, bags.end) if last else bags.end + 1
+        if start >= end or start > bags.end or end <= bags.start:
+            span = f"{bags.start * 1e-9:.9f} to {bags.end * 1e-9:.9f} s since 1970"
+            raise DiffbotError(f"--from, --to: must select a part of the bag, which contains {span}")
+        return _cut(bags, options.out, start=start if start > bags.start else None, end=end, latched=options.latched)
 
 
 def _add_filter(verbs: Any) -> None:
-    select = verbs.add_parser("filter", help="write some topics of a bag")
+    select = verbs.add_parser("filter", help="write selected topics of a bag to a new one")
     _add_paths(select)
-    select.add_argument("--topics", nargs="+", default=[], metavar="TOPIC", help="to keep")
-    select.add_argument("--regex", default="", help="keep topics that match as a whole, too")
-    select.add_argument("--exclude", nargs="+", default=[], metavar="TOPIC", help="to leave out; takes precedence")
+    select.add_argument("--topics", nargs="+", default=[], metavar="TOPIC", help="topics to keep")
+    select.add_argument("--regex", default="", help="also keep topics whose whole name matches")
+    select.add_argument("--exclude", nargs="+", default=[], metavar="TOPIC", help="topics to exclude")
+    select.add_argument("--exclude-regex", default="", metavar="REGEX", help="exclude topics whose whole name matches")
     select.add_argument(
-        "--exclude-regex", default="", metavar="REGEX", help="leave out topics whose whole name matches"
+        "--types", nargs="+", default=[], metavar="TYPE", help="keep only topics of these types, e.g. nav_msgs/msg/Path"
     )
-    select.add_argument("--types", nargs="+", default=[], metavar="TYPE", help="keep only these, as nav_msgs/msg/Path")
     select.set_defaults(call=_filter, parser=select)
 
 
@@ -159,30 +157,26 @@ def _filter(options: argparse.Namespace) -> int:
         regex=options.regex,
         exclude_topics=tuple(options.exclude),
         exclude_regex=options.exclude_regex,
-        # Hidden topics of the bag are kept like all others.
+        # Hidden topics are kept like other topics.
         include_hidden_topics=True,
     )
     if selection == TopicSelection(include_hidden_topics=True) and not options.types:
-        options.parser.error("one of --topics, --regex, --exclude, --exclude-regex and --types is needed")
+        options.parser.error("give at least one of --topics, --regex, --exclude, --exclude-regex and --types")
     check_regex(regex=options.regex, exclude_regex=options.exclude_regex)
     types = options.types
-
-    def whole(bags: MergedBags) -> Interval:
+    with _open_bags([options.bag]) as bags:
         known = {*bags.topics, *(topic.type for topic in bags.topics.values())}
-        if missing := [one for one in (*options.topics, *types) if one not in known]:
-            raise DiffbotError(shown(f"{missing[0]} is not in the bag, which has {', '.join(sorted(known))}"))
-        return None, None
-
-    return _cut(
-        [options.bag],
-        options.out,
-        whole,
-        keep=lambda topic: selection.selects(topic.name) and (not types or topic.type in types),
-    )
+        if missing := [name for name in (*options.topics, *types) if name not in known]:
+            raise DiffbotError(shown(f"{missing[0]} is not in the bag, which contains {', '.join(sorted(known))}"))
+        return _cut(
+            bags,
+            options.out,
+            keep=lambda topic: selection.selects(topic.name) and (not types or topic.type in types),
+        )
 
 
 def _add_merge(verbs: Any) -> None:
-    merge = verbs.add_parser("merge", help="write one bag of several, in the order of log time")
+    merge = verbs.add_parser("merge", help="write several bags to one, in the order of log time")
     merge.add_argument("bags", type=Path, nargs="+", metavar="IN", help="folders of bags, or .mcap files; two or more")
     merge.add_argument("out", type=Path, metavar="OUT", help="folder of the new bag, which must not exist")
     merge.set_defaults(call=_merge, parser=merge)
@@ -190,8 +184,9 @@ def _add_merge(verbs: Any) -> None:
 
 def _merge(options: argparse.Namespace) -> int:
     if len(options.bags) < 2:
-        options.parser.error("two bags or more are needed, and the name of the new one")
-    return _cut(options.bags, options.out, lambda _: (None, None))
+        options.parser.error("give at least two bags and the name of the new bag")
+    with _open_bags(options.bags) as bags:
+        return _cut(bags, options.out)
 
 
 def _add_paths(parser: argparse.ArgumentParser) -> None:
@@ -199,15 +194,21 @@ def _add_paths(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("out", type=Path, metavar="OUT", help="folder of the new bag, which must not exist")
 
 
-def _cut(inputs: Sequence[Path], out: Path, interval: Callable[[MergedBags], Interval], **choices: Any) -> int:
+@contextmanager
+def _open_bags(paths: Sequence[Path]) -> Iterator[MergedBags]:
     from diffbot_bag.bag import MergedBags  # noqa: PLC0415 - only the called command is imported
-    from diffbot_bag.cut import cut  # noqa: PLC0415
 
-    with closing(MergedBags(inputs)) as bags, _bar(out.name) as progress:
+    with closing(MergedBags(paths)) as bags:
         for warning in bags.warnings:
             print(f"diffbot: warning: {warning}", file=sys.stderr)
-        start, end = interval(bags)
-        written = cut(bags, out, start=start, end=end, progress=progress, **choices)
+        yield bags
+
+
+def _cut(bags: MergedBags, out: Path, **options: Any) -> int:
+    from diffbot_bag.cut import cut  # noqa: PLC0415 - only the called command is imported
+
+    with _bar(out.name) as progress:
+        written = cut(bags, out, progress=progress, **options)
     seconds = written.duration * 1e-9
     print(f"{out}: {written.message_count} messages of {len(written.topics)} topics, {seconds:.3f} s")
     return 0
@@ -215,7 +216,7 @@ def _cut(inputs: Sequence[Path], out: Path, interval: Callable[[MergedBags], Int
 
 @contextmanager
 def _bar(name: str, total: int | None = None, unit: str = "message") -> Iterator[Callable[[int], None]]:
-    """Show a bar on a terminal for work that takes longer than a second."""
+    """Show a progress bar on a terminal if the work takes longer than a second; yield its update function."""
     from tqdm import tqdm  # noqa: PLC0415 - only the called command is imported
 
     with tqdm(desc=name, total=total, unit=unit, unit_scale=True, disable=None, delay=1.0, leave=False) as bar:

@@ -1,4 +1,4 @@
-"""Consistency of a filter as the topics of a bag show it: the share of the mean NIS within their 95 % bounds."""
+"""Measure the consistency of a filter from a bag, as the share of mean NIS values within their 95 % bounds."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from diffbot_tools.figures import NIS_LABELS, NIS_TOPIC
 
 STATUS, LABELLED = "diagnostic_msgs/msg/DiagnosticStatus", "std_msgs/msg/Float64MultiArray"
 _MAX_NUMBERS = 3
-"""of a measurement"""
+"""largest dimension of a measurement"""
 _WINDOW = 50
-"""Number of measurements in a mean."""
+"""number of measurements in a mean"""
 
 
 def nis_shares(reader: BagReader) -> dict[str, float | None]:
-    """Return the share of the mean NIS within their bounds, for each topic that may contain a NIS; None if it has none.
+    """Return the share by topic, for all topics whose type may contain a NIS; None if a topic does not contain one.
 
     Raises:
-        DiffbotError: if a message of such a topic cannot be decoded, or a file is damaged.
+        DiffbotError: if a message cannot be decoded, or a file is damaged.
     """
     shares: dict[str, float | None] = {}
     for name, topic in reader.topics.items():
@@ -33,13 +33,13 @@ def nis_shares(reader: BagReader) -> dict[str, float | None]:
 
 
 def share_of_statuses(messages: Iterable[Any]) -> float | None:
-    """Return the share for messages of ``ekf/status``: each has a mean NIS and its bounds."""
+    """Return the share for messages of ``ekf/status``, each of which has a mean NIS and its bounds."""
     inside = []
     for message in messages:
-        values = {one.key: one.value for one in message.values}
+        values = {pair.key: pair.value for pair in message.values}
         words = [values.get("NIS per number", ""), *values.get("NIS 95 % bounds", "").split(" ")]
         try:
-            nis, low, high = (float(one.split()[0]) for one in words)
+            nis, low, high = (float(word.split()[0]) for word in words)
         except (ValueError, IndexError):
             continue
         if not math.isnan(nis) and low <= high:
@@ -48,10 +48,11 @@ def share_of_statuses(messages: Iterable[Any]) -> float | None:
 
 
 def share_of_windows(messages: Iterable[Any]) -> float | None:
-    """Return the share for messages of ``ekf/nis`` of a refiltered bag: one per measurement, averaged in windows."""
+    """Return the share for messages of ``ekf/nis`` in a refiltered bag, averaged over windows of measurements."""
     used = []
     for message in messages:
-        if tuple(one.label for one in message.layout.dim) != NIS_LABELS or len(message.data) != len(NIS_LABELS):
+        labels = tuple(dimension.label for dimension in message.layout.dim)
+        if labels != NIS_LABELS or len(message.data) != len(NIS_LABELS):
             continue
         nis, numbers, accepted = message.data
         if accepted and 1 <= numbers <= _MAX_NUMBERS:

@@ -1,31 +1,31 @@
-"""Texts for a terminal: the description of a bag, and the result of a repair."""
+"""Texts of ``diffbot bag info`` and ``diffbot bag repair`` for a terminal."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from diffbot_bag.info import BagInfo, TopicFigures, TopicInfo
 from diffbot_bag.player import duration_text
-from diffbot_bag.qos import Qos
 from diffbot_bag.repair import Damage, Repaired
 from diffbot_core.errors import shown
 
+_COLUMNS = ("Topic", "rate [Hz]", "gap [s]", "lost", "latency [ms]", "p99 [ms]", "size", "QoS")
 _LABEL = 19
-"""characters of a label, as rosbag2 prints it"""
+"""width of the labels of ``ros2 bag info``"""
 _SERVICE_EVENTS = "/_service_event"
 MAX_LISTED = 10
-"""Damaged places and jumps of the time that are listed; the others are counted."""
+"""largest number of damaged places and of time jumps that are listed; the others are counted"""
 
 
 def info_text(info: BagInfo) -> str:
-    """Return the lines of ``ros2 bag info``, then a table of figures; without a line break at the end."""
+    """Return the lines of ``ros2 bag info``, followed by a table of figures."""
     services = [topic for topic in info.topics if _is_service(topic)]
     topics = [topic for topic in info.topics if not _is_service(topic)]
     lines = [
         *_listed("Files", [shown(file.name) for file in info.files]),
-        _line("Bag size", size_text(info.size)),
+        _line("Bag size", _size_text(info.size)),
         _line("Storage id", "mcap"),
         _line("ROS Distro", shown(info.distro or "unknown")),
         _line("Duration", f"{_seconds(info.duration)}s"),
@@ -38,8 +38,8 @@ def info_text(info: BagInfo) -> str:
         _line("Lost", "unknown" if info.lost is None else str(info.lost)),
         *_jumps(info),
     ]
-    if any(topic.figures for topic in info.topics):
-        lines += ["", *_table([("Topic", *_COLUMNS), *map(_row, info.topics)])]
+    if rows := [_figures_row(topic, topic.figures) for topic in info.topics if topic.figures]:
+        lines += ["", *_table([_COLUMNS, *rows])]
     return "\n".join(line.rstrip() for line in lines)
 
 
@@ -69,17 +69,17 @@ def _entry(kind: str, topic: TopicInfo, count: str) -> str:
 
 def _jumps(info: BagInfo) -> list[str]:
     lines = [
-        f"no message for {duration_text(after - before)}, from {(before - info.start) * 1e-9:.3f} s on"
+        f"no messages for {duration_text(after - before)}, from {(before - info.start) * 1e-9:.3f} s on"
         " (`diffbot replay --skip-gaps` skips it)"
         for before, after in info.jumps[:MAX_LISTED]
     ]
     if more := len(info.jumps) - len(lines):
-        lines.append(f"{more} more times of more than 60 s without a message")
+        lines.append(f"{more} more times longer than 60 s without messages")
     return _listed("Time jump", lines) if lines else []
 
 
-def size_text(size: float) -> str:
-    """Return a number of bytes as rosbag2 prints it."""
+def _size_text(size: float) -> str:
+    """Return a number of bytes in the format of rosbag2."""
     for unit in ("B", "KiB", "MiB", "GiB"):
         if size < 1024:
             return f"{size:.{0 if unit == 'B' else 1}f} {unit}"
@@ -97,34 +97,23 @@ def _time_text(nanoseconds: int) -> str:
     return f"{date} {time.strftime('%H:%M:%S', local)}.{nanoseconds % 10**9:09d} ({_seconds(nanoseconds)})"
 
 
-def qos_text(profiles: Iterable[Qos]) -> str:
-    """Return reliability and durability of the publishers' offers in words, each combination once."""
-    return ", ".join(dict.fromkeys(f"{one.reliability} {one.durability}" for one in profiles)) or "-"
+def _number(value: float | None, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
 
 
-def _number(value: float | None, factor: float, digits: int) -> str:
-    return "-" if value is None else f"{value * factor:.{digits}f}"
-
-
-def _latency(figures: TopicFigures, name: str) -> float | None:
-    return getattr(figures.latency, name) if figures.latency else None
-
-
-_COLUMNS: dict[str, Callable[[TopicInfo, TopicFigures], str]] = {
-    "rate [Hz]": lambda _, figures: _number(figures.rate, 1.0, 2),
-    "gap [s]": lambda _, figures: _number(figures.gap, 1.0, 3),
-    "lost": lambda topic, _: "-" if topic.lost is None else str(topic.lost),
-    "latency [ms]": lambda _, figures: _number(_latency(figures, "median"), 1e3, 3),
-    "p99 [ms]": lambda _, figures: _number(_latency(figures, "p99"), 1e3, 3),
-    "size": lambda _, figures: size_text(figures.bytes),
-    "QoS": lambda topic, _: qos_text(topic.qos),
-}
-"""Columns of the table after the topic's name."""
-
-
-def _row(topic: TopicInfo) -> tuple[str, ...]:
-    figures = topic.figures
-    return (shown(topic.name), *("-" if figures is None else text(topic, figures) for text in _COLUMNS.values()))
+def _figures_row(topic: TopicInfo, figures: TopicFigures) -> tuple[str, ...]:
+    latency = figures.latency
+    offers = dict.fromkeys(f"{qos.reliability} {qos.durability}" for qos in topic.qos)
+    return (
+        shown(topic.name),
+        _number(figures.rate, 2),
+        _number(figures.gap, 3),
+        _number(topic.lost, 0),
+        _number(latency and latency.median * 1e3, 3),
+        _number(latency and latency.p99 * 1e3, 3),
+        _size_text(figures.bytes),
+        ", ".join(offers) or "-",
+    )
 
 
 def _table(rows: Sequence[tuple[str, ...]]) -> list[str]:
@@ -140,28 +129,28 @@ def _table(rows: Sequence[tuple[str, ...]]) -> list[str]:
 
 
 def repair_text(out: Path, repaired: Repaired) -> str:
-    """Return what was saved in the bag ``out`` and what was lost, in lines of plain text."""
+    """Describe in lines of text what was saved in the bag ``out``, and what is lost."""
     bag = repaired.metadata
     topics = sum(topic.message_count > 0 for topic in bag.topics)
     lines = [f"{shown(out)}: {bag.message_count} messages of {topics} topics in {bag.duration * 1e-9:.3f} s"]
     lines += [f"lost: the whole file {shown(name)}, which is missing" for name in repaired.missing]
     lines += [
-        f"{shown(name)}: had no valid index, since it was cut off, not finished or damaged at its end"
+        f"{shown(name)} did not have a valid index: it was cut off, not finished or damaged at its end"
         for name in repaired.without_index
     ]
     lines += [
-        f"{shown(one.file)}: lost: {one.size} bytes that cannot be read, {_place(one, bag.start)}"
-        for one in repaired.damages[:MAX_LISTED]
+        f"{shown(damage.file)}: lost: {damage.size} damaged bytes, {_place(damage, bag.start)}"
+        for damage in repaired.damages[:MAX_LISTED]
     ]
     if len(repaired.damages) > MAX_LISTED:
-        lines.append(f"lost: {len(repaired.damages) - MAX_LISTED} more places that cannot be read")
+        lines.append(f"lost: {len(repaired.damages) - MAX_LISTED} more damaged places")
     if repaired.lost:
         counts = ", ".join(f"{topic} {count}" for topic, count in sorted(repaired.lost.items()))
-        lines.append(f"lost: {repaired.lost.total()} messages by the index ({shown(counts)})")
+        lines.append(f"lost: {repaired.lost.total()} messages that the index lists ({shown(counts)})")
     if repaired.unknown:
-        lines.append(f"the description of these topics is lost: {shown(', '.join(repaired.unknown))}")
+        lines.append(f"the names of these topics are lost: {shown(', '.join(repaired.unknown))}")
     if not (repaired.missing or repaired.damages or repaired.lost or repaired.unknown):
-        lines.append("nothing that was written is lost")
+        lines.append("all messages of the files are saved")
     return "\n".join(lines)
 
 

@@ -1,4 +1,4 @@
-"""Times as people write them on a command line: ``10s`` after the start, ``end-30s``, or seconds since 1970."""
+"""Parse times on a command line: ``10s`` after the start of a bag, ``end-30s``, or seconds since 1970."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from argparse import ArgumentTypeError
 from diffbot_core.stamps import NS_PER_S
 
 UNITS = {"ns": 1, "us": 1000, "ms": 10**6, "s": NS_PER_S, "min": 60 * NS_PER_S, "h": 3600 * NS_PER_S}
-"""[ns]"""
+"""[ns] duration of each unit"""
 FORMS = "10s, 1.5min, start+10s, end-30s, end, or seconds since 1970"
 _DURATION = re.compile(r"(\d{1,18})(?:\.(\d{1,18}))?\s*(ns|us|ms|s|min|h)?")
 _RELATIVE = re.compile(r"(start|end)(?:\s*([+-])\s*(.+))?")
 RelativeTime = tuple[str, int]
-"""``start`` or ``end`` of the bag or ``epoch``, and the offset from there [ns]."""
+"""Origin (``start``, ``end`` or ``epoch``) and offset from the origin [ns]."""
 
 
 def parse_duration(text: str) -> int:
-    """Return a duration [ns]; without a unit, the text is in seconds.
+    """Parse a duration and return it in [ns]. Without a unit, it is in seconds.
 
     Raises:
         ArgumentTypeError: if it is not a duration.
@@ -32,7 +32,7 @@ def parse_duration(text: str) -> int:
 
 
 def parse_time(text: str) -> RelativeTime:
-    """Return a time: a number with a unit counts from the start of the bag, one without a unit from 1970.
+    """Parse a time. A number with a unit counts from the start of the bag, a number without a unit from 1970.
 
     Raises:
         ArgumentTypeError: if it is not a time.
@@ -47,7 +47,7 @@ def parse_time(text: str) -> RelativeTime:
 
 
 def resolve_time(time: RelativeTime, start: int, end: int) -> int:
-    """Return the log time [ns] in a bag; ``start`` and ``end``: log times of its first and last message [ns]."""
+    """Return the log time [ns] for a bag whose first and last log times are ``start`` and ``end`` [ns]."""
     origin, offset = time
     # The end of a bag is just after its last message.
     return offset + {"start": start, "end": end + 1, "epoch": 0}[origin]

@@ -7,10 +7,10 @@ import pytest
 
 @pytest.fixture
 def nodes(monkeypatch):
-    """Return what recorders and replays can be added to, in the process of the test."""
+    """Yield the nodes in the process of the test, to which recorders and replays can be added."""
     import one_process
 
-    # A replay changes it for its whole process.
+    # A replay changes the switch interval of its whole process.
     monkeypatch.setattr(sys, "setswitchinterval", lambda _: None)
     with one_process.nodes() as running:
         yield running

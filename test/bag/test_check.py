@@ -1,4 +1,4 @@
-"""Contracts: each rule on both sides of its bound, and one line for everything that is wrong with a contract."""
+"""Contracts: each rule on both sides of its bound, and the errors of invalid contracts."""
 
 import json
 
@@ -57,7 +57,7 @@ SIDES = {
 }
 
 
-def test_a_rule_holds_on_one_side_of_its_bound_only(info, results):
+def test_each_rule_passes_on_one_side_of_its_bound_and_fails_on_the_other(info, results):
     assert set(SIDES) == {*TopicRules._fields} - {"required", "stamped", "monotone_stamps"}
     for rule, (good, bad) in SIDES.items():
         assert results(info, topics={"/odom": {rule: good}})["/odom", rule].passed, rule
@@ -71,7 +71,7 @@ def test_a_rule_holds_on_one_side_of_its_bound_only(info, results):
     assert results(info, bag={"only_these_topics": True}, topics=topics)[BAG, "only_these_topics"].passed
 
 
-def test_stamps_that_go_back_or_are_missing_break_their_rules(info, results, tmp_path):
+def test_rules_of_stamps_fail_for_missing_and_decreasing_stamps(info, results, tmp_path):
     rules = {"stamped": True, "monotone_stamps": True}
     stamps = ("/a", 5), ("/a", 9), ("/a", 8), ("/b", 0), ("/b", 5)
     rows = [
@@ -90,7 +90,7 @@ def test_stamps_that_go_back_or_are_missing_break_their_rules(info, results, tmp
     }
 
 
-def test_what_is_not_measured_or_missing_fails(info, results):
+def test_a_rule_without_a_measured_value_and_a_missing_topic_fail(info, results):
     bounds = {"min_rate": 0.0, "max_gap": 9.0, "max_latency_p99": 9.0, "max_lost": 9, "stamped": True}
     found = results(info, topics={"/cmd_vel": bounds})
     assert [found["/cmd_vel", rule].passed for rule in bounds] == [False] * 5
@@ -106,7 +106,7 @@ def test_what_is_not_measured_or_missing_fails(info, results):
 @pytest.mark.parametrize(
     ("sections", "expected"),
     [
-        ({"topic": {}}, "'topic' is unknown: must be one of version, bag, topics"),
+        ({"topic": {}}, "'topic' is not a section: must be one of version, bag, topics"),
         ({"version": 2}, "version = 2: must be 1"),
         ({"topics": {"/a": {"min_rat": 1}}}, "/a: min_rat"),
         ({"topics": {"/a": {"min_rate": -1}}}, "/a: min_rate = -1.0: must be"),
@@ -114,7 +114,7 @@ def test_what_is_not_measured_or_missing_fails(info, results):
         ({"topics": {"a": {}}}, "must be the full name of a topic"),
     ],
 )
-def test_what_is_wrong_is_refused_in_one_line(info, results, sections, expected):
+def test_an_invalid_contract_is_refused_with_the_reason(info, results, sections, expected):
     with pytest.raises(DiffbotError) as error:
         results(info, **sections)
     assert expected in str(error.value)

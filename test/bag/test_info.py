@@ -1,4 +1,4 @@
-"""Figures of bags by several makers, against the same computed with numpy from what rosbags reads."""
+"""Figures of bags of several writers, against figures computed with numpy from the messages that rosbags reads."""
 
 import bag_makers
 import numpy as np
@@ -12,7 +12,7 @@ YEAR = 365 * 86400 * 10**9
 
 
 def by_rosbags(folder, rows):
-    """Write with rosbags, which gives no sequence numbers."""
+    """Write with rosbags, which does not write sequence numbers."""
     return view_bags.write(folder, ((topic, time, message) for topic, time, _, message in rows))
 
 
@@ -29,7 +29,7 @@ def bag(request, tmp_path_factory):
 
 
 def independent(path):
-    """Log times, sizes and stamps of each topic, as rosbags reads them."""
+    """Return log times, sizes and stamps of each topic, as rosbags reads them."""
     sizes = {topic: [(time, len(data)) for time, data in rows] for topic, rows in read(path, raw=True).items()}
     found = {}
     for topic, rows in read(path).items():
@@ -39,7 +39,7 @@ def independent(path):
     return found
 
 
-def test_figures_are_those_of_an_independent_reader(bag):
+def test_figures_agree_with_numpy_and_rosbags(bag):
     moved = []
     info = bag_makers.read_info(bag, progress=moved.append)
     assert sum(moved) == info.message_count
@@ -72,7 +72,7 @@ def test_figures_are_those_of_an_independent_reader(bag):
     assert topics["/pose"].figures.unstamped == 2
 
 
-def test_missing_sequence_numbers_are_lost_messages_and_the_recorders_report_counts_if_it_knows_of_more(tmp_path):
+def test_lost_is_the_larger_of_missing_sequence_numbers_and_the_recorders_report(tmp_path):
     info = bag_makers.read_info(by_rosbags(tmp_path / "rosbags", view_bags.irregular(1.0)))
     assert {topic.lost for topic in info.topics} == {info.lost} == {None}
     report = {"lost_messages": "50", "lost /odom": "7", "lost /cmd_vel": "43"}
@@ -84,8 +84,8 @@ def test_missing_sequence_numbers_are_lost_messages_and_the_recorders_report_cou
     assert {topic.name: topic.lost for topic in quick.topics} == {"/odom": 7, "/pose": 0, "/cmd_vel": 43}
 
 
-def test_a_jump_of_the_log_time_and_other_encodings_are_named(tmp_path):
-    """A robot without a clock battery starts in 1970, and a bridge records JSON."""
+def test_time_jumps_and_other_encodings_are_reported(tmp_path):
+    """The clock of the robot starts in 1970, and a bridge records JSON."""
     path = tmp_path / "run.mcap"
     kinds = {"/a": bag_makers.POINT, "/json": bag_makers.STRING}
     with (

@@ -28,13 +28,13 @@ def lost(numbers, publishers=1):
         ([1, 2, 3, 50, 51, 4, 52, 5], 2, 0),
     ],
 )
-def test_gaps(numbers, publishers, expected):
+def test_gaps_count_until_they_turn_out_to_be_another_publisher(numbers, publishers, expected):
     assert lost(numbers, publishers) == expected
 
 
 @pytest.mark.parametrize("publishers", [2, 3, 8])
 @pytest.mark.parametrize("probability", [0.0, 0.01])
-def test_what_each_of_several_publishers_loses_is_counted(publishers, probability):
+def test_losses_of_several_interleaved_publishers_are_exact(publishers, probability):
     generator = random.Random(publishers)
     following = [generator.randrange(1000) for _ in range(publishers)]
     numbers, expected = following.copy(), 0

@@ -50,7 +50,7 @@ def plain(message):
 
 
 @given(FRAMES, FRAMES)
-def test_ros_reads_what_is_encoded_and_the_other_way_round(frame, child):
+def test_encode_and_decode_agree_with_rclpy(frame, child):
     theirs = odometry(frame, child)
     pose = PoseWithCovarianceStamped(header=theirs.header, pose=theirs.pose)
     for name, message in ((ODOMETRY, theirs), (POSE, pose)):
@@ -62,7 +62,7 @@ def test_ros_reads_what_is_encoded_and_the_other_way_round(frame, child):
         assert encode(name, message) == data
 
 
-def test_a_made_message_is_zero_but_for_the_given_fields():
+def test_make_sets_given_fields_and_zeros_the_others():
     made = make(ODOMETRY, header={"stamp": {"sec": 3}, "frame_id": "odom"}, pose={"covariance": range(36)})
     expected = Odometry()
     expected.header.stamp.sec, expected.header.frame_id = 3, "odom"
@@ -72,11 +72,11 @@ def test_a_made_message_is_zero_but_for_the_given_fields():
     array = make("std_msgs/msg/Float64MultiArray", layout={"dim": [{"label": "a"}, {"size": 7}]}, data=[1, 2.5])
     assert [(one.label, one.size) for one in array.layout.dim] == [("a", 0), ("", 7)]
     assert array.data.tolist() == [1.0, 2.5]
-    with pytest.raises(DiffbotError, match=r"Odometry has no field child$"):
+    with pytest.raises(DiffbotError, match=r"Odometry does not have a field child$"):
         make(ODOMETRY, child="base_link")
 
 
-def test_a_definition_of_the_bag_goes_before_the_known_type():
+def test_the_definition_of_the_bag_takes_precedence_over_the_installed_type():
     own = "float32 height\nmy_msgs/Part[] parts\n" + "=" * 80 + "\nMSG: my_msgs/Part\nuint8 kind\nstring name"
     data = b"\0\1\0\0" + b"\0\0\x20\x41" + b"\1\0\0\0" + b"\7" + b"\0\0\0" + b"\3\0\0\0hi\0"
     expected = generate_dynamic(POINT, own)[POINT](data)
@@ -97,13 +97,13 @@ def test_a_definition_of_the_bag_goes_before_the_known_type():
         ("my_msgs/Lost x\n", bytes(28), "the definition of geometry_msgs/msg/Point cannot be parsed"),
     ],
 )
-def test_what_cannot_be_decoded_is_said_in_one_line(definition, data, words):
+def test_invalid_messages_and_definitions_are_refused_in_one_line(definition, data, words):
     with pytest.raises(DiffbotError, match=words) as error:
         decode(POINT, data, definition)
     assert str(error.value).isprintable()
 
 
-def test_text_and_hash_of_every_installed_type_agree_with_other_libraries():
+def test_definitions_and_hashes_of_all_installed_types_agree_with_other_libraries():
     share = next(path / "share" for path in ament_prefixes() if (path / "share" / "std_msgs").is_dir())
     names = [f"{package}/msg/{path.stem}" for package in PACKAGES for path in (share / package / "msg").glob("*.msg")]
     assert len(names) > 100
@@ -114,7 +114,7 @@ def test_text_and_hash_of_every_installed_type_agree_with_other_libraries():
         assert name in generate_dynamic(name, schema_text(name))
 
 
-def test_the_first_prefix_wins_and_what_is_missing_is_named(monkeypatch, tmp_path):
+def test_the_first_prefix_takes_precedence_and_a_missing_type_is_named(monkeypatch, tmp_path):
     for root, name, text in (("one", "A", "int8 a\n"), ("two", "A", "int16 a\n"), ("two", "B", "Lost lost\n")):
         path = tmp_path / root / "share/my_msgs/msg" / f"{name}.msg"
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -135,7 +135,7 @@ def test_the_first_prefix_wins_and_what_is_missing_is_named(monkeypatch, tmp_pat
 
 
 @pytest.mark.parametrize("name", ["this/x/y", "evil/msg/X", "../evil/msg/X"])
-def test_a_type_name_imports_nothing_but_installed_interfaces(tmp_path, name, monkeypatch):
+def test_message_class_imports_only_installed_interface_packages(tmp_path, name, monkeypatch):
     (tmp_path / "evil").mkdir()
     for file in ("evil/__init__.py", "evil/msg.py"):
         (tmp_path / file).write_text(f"from pathlib import Path\nPath({str(tmp_path / 'ran')!r}).touch()\n")

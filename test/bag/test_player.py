@@ -1,35 +1,21 @@
-"""Seek, rate, gaps, loops and the fastest replay: a clock of the test, times worked out by hand."""
+"""Seek, rate, gaps, loops and the fastest replay, with a fake clock and times computed by hand."""
 
 import heapq
 import itertools
 import random
 
 import pytest
-from bag_makers import BEGIN, LATCHED, MS, facts, point, write_mcap
+from bag_makers import BEGIN, MS, point, string
 
-from diffbot_bag.bag import MergedBags, RawMessage
+from diffbot_bag.bag import RawMessage
 from diffbot_bag.parameters import ReplayConfig
 from diffbot_bag.player import Player, Sink, Source, Window
 
-ALL = ("/a", "/b", "/map")
 HOUR = 3600 * 1000 * MS
 
 
-def recorded(count=300):
-    """/a every ms, /b with the same times as every third of them, /map at 0, 100 and 250 ms."""
-    messages = []
-    for index in range(count):
-        time = BEGIN + index * MS
-        messages.append(("/a", time, point(index)))
-        if index % 3 == 0:
-            messages.append(("/b", time, point(-index)))
-        if index in (0, 100, 250):
-            messages.append(("/map", time + 1, point(1000 + index)))
-    return messages
-
-
 class FakeClock:
-    """Steady time that passes only in waiting, at once; scripted actions happen when their times come."""
+    """Steady clock that advances only while the player waits; scripted actions are called at their times."""
 
     def __init__(self):
         self.time = 0
@@ -52,7 +38,7 @@ class FakeClock:
         if self._script and (duration is None or self._script[0][0] <= self.time + duration):
             self._act()
         elif duration is None:
-            raise AssertionError("waits for something that never comes")
+            raise AssertionError("the player waits without a limit")
         else:
             self.time += duration
 
@@ -63,7 +49,7 @@ class FakeClock:
 
 
 class Run:
-    """A player in this thread; ``sent`` holds steady time and message, ``clock`` steady time and time of the bag."""
+    """A player in this thread. ``sent`` has steady times and messages, ``clock`` has steady times and bag times."""
 
     def __init__(self, source, window, **config):
         self.time = FakeClock()
@@ -97,38 +83,32 @@ def plain(messages=None, **config):
     return Run(source, Window(BEGIN, messages[-1].log_time), **config)
 
 
-@pytest.fixture
-def bag(tmp_path):
-    """A bag of another maker, and what it holds in the order of an independent reader."""
-    path = write_mcap(tmp_path / "foreign.mcap", recorded(), offers={"/map": [LATCHED]})
-    expected = [(one.topic, one.log_time, one.data) for one in facts(path)]
-    bags = MergedBags([path])
-    yield bags, expected
-    bags.close()
+def test_a_seek_continues_at_the_exact_message_after_the_earlier_latched_one():
+    latched = [RawMessage("/map", string(str(time)), BEGIN + time * MS + 1, 0, 0) for time in (0, 100, 250)]
+    messages = sorted([*raw(), *latched], key=lambda message: message.log_time)
 
+    def from_time(start):
+        return [message for message in messages if message.log_time >= start]
 
-def test_each_seek_goes_on_with_the_very_message_and_the_latched_one_before(bag):
-    bags, expected = bag
-    source = Source(
-        lambda start: bags.messages(ALL, start, bags.end), lambda start: bags.latched_before(start, ["/map"])
-    )
-    run = Run(source, Window(bags.start, bags.end))
+    def latched_before(start):
+        return [message for message in latched if message.log_time < start][-1:]
+
+    first, last = messages[0].log_time, messages[-1].log_time
+    run = Run(Source(from_time, latched_before), Window(first, last))
     generator = random.Random(4)
-    # Back and forth, to times of messages, between them, and to both ends of the bag.
+    # Seek back and forth, to times of messages, to times between messages, and to both ends of the bag.
     targets = [BEGIN + generator.randrange(300) * MS + generator.choice((-1, 0, 1)) for _ in range(20)]
-    targets = [min(max(target, bags.start), bags.end) for target in [*targets, bags.end, bags.start]]
-    wanted = expected[:30]
-    # Each seek is made while a message is sent, by the last one of the bag if need be.
+    targets = [min(max(target, first), last) for target in [*targets, last, first]]
+    expected = messages[:30]
+    # Each seek is called while a message is sent.
     for number, target in enumerate(targets):
-        run.after(len(wanted), lambda target=target: run.player.seek(target))
-        latched = [each for each in expected if each[0] == "/map" and each[1] < target][-1:]
-        following = [each for each in expected if each[1] >= target]
-        wanted += latched + (following if number == len(targets) - 1 else following[:10])
-    assert [(message.topic, message.log_time, message.data) for message in run.play()] == wanted
+        run.after(len(expected), lambda target=target: run.player.seek(target))
+        expected += latched_before(target) + from_time(target)[: 10 if number < len(targets) - 1 else None]
+    assert run.play() == expected
     assert not run.player.seek(BEGIN)
 
 
-def test_the_rate_changes_from_now_on():
+def test_a_changed_rate_holds_from_that_time_on():
     run = plain()
     run.time.at(100 * MS, lambda: run.player.set_rate(4.0))
     run.time.at(125 * MS, lambda: run.player.set_rate(0.5))
@@ -154,7 +134,7 @@ def test_a_pause_stops_time_and_steps_send_one_message_each():
     assert times[44:] == [60 * MS + (index + 1) * MS for index in range(56)]
 
 
-def test_a_long_gap_is_reported_once_with_its_length_and_waited_for():
+def test_a_gap_is_reported_once_and_waited_for():
     messages = raw(10) + raw(10, begin=BEGIN + HOUR)
     run = plain(messages)
     assert run.play() == messages
@@ -163,7 +143,7 @@ def test_a_long_gap_is_reported_once_with_its_length_and_waited_for():
 
 
 @pytest.mark.parametrize("request_time", [0, 500 * MS])
-def test_a_gap_is_skipped_on_request_before_it_or_within_it(request_time):
+def test_a_gap_is_skipped_on_request_before_or_during_it(request_time):
     messages = raw(10) + raw(10, begin=BEGIN + HOUR)
     run = plain(messages, clock=100.0, skip_gaps=request_time == 0)
     run.time.at(request_time, lambda: run.player.set_skip_gaps(True))
@@ -174,7 +154,7 @@ def test_a_gap_is_skipped_on_request_before_it_or_within_it(request_time):
     assert stamps == sorted(stamps)
 
 
-def test_a_loop_begins_again_and_its_clock_jumps_back():
+def test_a_loop_repeats_the_messages_and_sets_the_clock_back():
     run = plain(raw(100), loop=True, clock=1000.0)
     run.after(250, run.player.stop)
     messages = run.play()
@@ -186,7 +166,7 @@ def test_a_loop_begins_again_and_its_clock_jumps_back():
     assert run.player.progress().rounds == 3
 
 
-def test_as_fast_as_possible_takes_no_time_keeps_the_order_and_the_clock_is_that_of_the_messages():
+def test_as_fast_as_possible_does_not_wait_and_the_clock_follows_the_messages():
     messages = raw() + raw(10, begin=BEGIN + HOUR)
     run = plain(messages, as_fast_as_possible=True, clock=100.0)
     assert run.play() == messages

@@ -1,4 +1,4 @@
-"""QoS words against rosbags' own reading of them, the choice of QoS, overrides, and the selection of topics."""
+"""QoS profiles against rosbags, the QoS of recorder and replay, overrides, and the selection of topics."""
 
 import pytest
 from rosbags.interfaces import QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
@@ -7,7 +7,6 @@ from rosbags.rosbag2.metadata import parse_qos
 from diffbot_bag.conversions import from_ros, to_ros
 from diffbot_bag.qos import (
     Qos,
-    TopicSelection,
     dump_profiles,
     load_profiles,
     read_overrides,
@@ -15,6 +14,7 @@ from diffbot_bag.qos import (
     to_plain,
     to_request,
 )
+from diffbot_bag.topic_selection import TopicSelection
 
 RELIABLE = Qos()
 BEST_EFFORT = Qos(reliability="best_effort")
@@ -24,7 +24,7 @@ STRICT = Qos(
 )
 
 
-def test_rosbags_reads_what_is_written():
+def test_rosbags_reads_written_profiles():
     (first, second) = parse_qos(dump_profiles([STRICT, BEST_EFFORT]))
     assert first == (
         QosHistory.KEEP_LAST, 7, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL, QosTime(0, 20_000_000),
@@ -36,7 +36,7 @@ def test_rosbags_reads_what_is_written():
 
 
 @pytest.mark.parametrize("profiles", [(), (RELIABLE,), (STRICT, BEST_EFFORT, LATCHED)])
-def test_reading_gives_back_what_was_written(profiles):
+def test_profiles_survive_writing_and_reading_and_the_conversion_to_ros(profiles):
     assert load_profiles(dump_profiles(profiles)) == profiles
     assert load_profiles([to_plain(qos) for qos in profiles]) == profiles
     for qos in profiles:
@@ -53,7 +53,7 @@ def test_reading_gives_back_what_was_written(profiles):
         ([LATCHED, LATCHED], "reliable", "transient_local"),
     ],
 )
-def test_a_subscription_requests_what_all_publishers_offer(offers, reliability, durability):
+def test_a_subscription_requests_only_policies_that_all_publishers_offer(offers, reliability, durability):
     assert to_request(offers) == Qos("keep_last", 10_000, reliability, durability)
 
 
@@ -67,11 +67,11 @@ def test_a_subscription_requests_what_all_publishers_offer(offers, reliability, 
         ([RELIABLE._replace(deadline=10**7)], Qos("keep_last", 10_000, deadline=10**7)),
     ],
 )
-def test_one_publisher_replaces_all_that_were_recorded(recorded, offer):
+def test_the_offer_of_a_replay_replaces_all_recorded_publishers(recorded, offer):
     assert to_offer(recorded) == offer
 
 
-def test_overrides_in_the_form_of_rosbag2(tmp_path):
+def test_overrides_have_the_format_of_rosbag2(tmp_path):
     content = """
 /a: {reliability: best_effort, durability: volatile, history: keep_all}
 b: {reliability: reliable, depth: 5, deadline: {sec: 1, nsec: 500000000}}
@@ -92,6 +92,6 @@ b: {reliability: reliable, depth: 5, deadline: {sec: 1, nsec: 500000000}}
         (TopicSelection(exclude_topics=("/odom",), exclude_regex="/r.*t"), {"/robot/odom"}),
     ],
 )
-def test_selection_of_topics(selection, selected):
+def test_topics_are_selected_by_name_and_regex_and_exclusions_take_precedence(selection, selected):
     topics = {"/odom", "/robot/odom", "/rosout", "/_hidden", "/a/_b/c"}
     assert {topic for topic in topics if selection.selects(topic)} == selected

@@ -1,4 +1,4 @@
-"""Repair: every message of every undamaged chunk is saved, by the count of the mcap library."""
+"""Repair: every message of every intact chunk is saved, as the mcap library reads it."""
 
 import shutil
 
@@ -59,14 +59,22 @@ def damage(content, chunks, kind):
     return content, lost
 
 
-DAMAGES = ("killed", "a bit of the data", "a bit of the length", "head of zeros", "tail of zeros", "cut in a chunk")
+DAMAGES = {
+    "killed": (0, True),
+    "a bit of the data": (1, False),
+    "a bit of the length": (0, False),
+    "head of zeros": (1, False),
+    "tail of zeros": (1, True),
+    "cut in a chunk": (1, True),
+}
+"""Number of damaged places, and True if the file does not have an index."""
 
 
 @pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
-def test_six_damages_lose_nothing_but_the_damaged_chunk(compression, tmp_path):
+def test_only_messages_of_the_damaged_chunk_are_lost(compression, tmp_path):
     source = tmp_path / "run.mcap"
     whole, chunks = write(source, compression=compression)
-    for kind in DAMAGES:
+    for kind, (places, is_without_index) in DAMAGES.items():
         content, lost = damage(bytearray(whole), chunks, kind)
         source.write_bytes(content)
         repaired = repair_bag(source, tmp_path / "fixed")
@@ -76,17 +84,18 @@ def test_six_damages_lose_nothing_but_the_damaged_chunk(compression, tmp_path):
             assert len(set(found) & lost) > 30, kind
             lost -= set(found)
         assert found == [number for number in range(COUNT) if number not in lost], kind
-        ends_in_a_message = (kind, compression) == ("cut in a chunk", "none")
-        assert len(repaired.damages) == (kind in DAMAGES[1:2] + DAMAGES[3:]) + ends_in_a_message, kind
-        assert repaired.lost.total() == (len(lost) if kind in DAMAGES[1:4] else 0), kind
-        assert bool(repaired.without_index) == (kind in ("killed", *DAMAGES[4:])), kind
+        # Without compression, the chunk and the message in which the file ends are two damaged places.
+        is_cut_in_a_message = (kind, compression) == ("cut in a chunk", "none")
+        assert len(repaired.damages) == places + is_cut_in_a_message, kind
+        assert repaired.lost.total() == (0 if is_without_index else len(lost)), kind
+        assert bool(repaired.without_index) == is_without_index, kind
         with BagReader(tmp_path / "fixed") as bag:
             assert (bag.warning, bag.message_count) == ("", len(found)), kind
             assert bag.node_parameters() == {"/ekf": {"gain": 1.0}}, kind
         shutil.rmtree(tmp_path / "fixed")
 
 
-def test_messages_outside_of_chunks_are_found_again(tmp_path):
+def test_messages_outside_chunks_are_found_after_a_damaged_place(tmp_path):
     source = tmp_path / "run.mcap"
     content, _ = write(source, use_chunking=False)
     half = len(content) // 2
@@ -113,7 +122,7 @@ def damaged_own_bag(folder, count=200):
         path.write_bytes(content)
 
 
-def test_names_whose_description_is_lost_come_from_metadata_yaml(tmp_path):
+def test_lost_names_of_topics_are_taken_from_metadata_yaml(tmp_path):
     damaged_own_bag(tmp_path / "run")
     repaired = repair_bag(tmp_path / "run", tmp_path / "fixed")
     with BagReader(tmp_path / "fixed") as bag:
@@ -128,7 +137,7 @@ def test_names_whose_description_is_lost_come_from_metadata_yaml(tmp_path):
     assert sorted(repaired.unknown) == ["/unknown/channel_1", "/unknown/channel_2"]
 
 
-def test_a_file_that_grows_a_missing_file_and_one_of_another_kind(tmp_path):
+def test_growing_missing_and_foreign_files_are_refused(tmp_path):
     source = tmp_path / "run.mcap"
     write(source)
 
@@ -139,7 +148,7 @@ def test_a_file_that_grows_a_missing_file_and_one_of_another_kind(tmp_path):
     for path, words, options in (
         (source, "is it still being recorded", {"progress": grow}),
         (tmp_path / "missing.mcap", "No such file", {}),
-        (tmp_path, "exists already", {"target": tmp_path}),
+        (tmp_path, "already exists", {"target": tmp_path}),
     ):
         with pytest.raises(DiffbotError, match=words):
             repair_bag(path, **{"target": tmp_path / "fixed", **options})

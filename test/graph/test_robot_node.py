@@ -60,7 +60,7 @@ def test_a_node_twice_is_refused_in_one_line(kept_signal_handlers, capsys):
 def test_a_bag_that_exists_is_refused_before_anything_moves(kept_signal_handlers, capfd):
     assert cli.main(["run", "controller", "--with", "plant", "recorder", "--ros-args", "-p", "recorder:uri:=/"]) == 1
     output = "".join(capfd.readouterr())
-    assert sum("error: /recorder: / exists already" in line for line in output.splitlines()) == 1
+    assert sum("error: /recorder: / already exists" in line for line in output.splitlines()) == 1
     assert "Traceback" not in output
     assert "]: ready" not in output
 

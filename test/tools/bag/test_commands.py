@@ -1,4 +1,4 @@
-"""``diffbot bag``: exit statuses, what is printed, one line for each error, nothing half-written."""
+"""``diffbot bag``: exit statuses, printed lines, errors of one line, and complete output or none."""
 
 import json
 
@@ -55,7 +55,7 @@ def messages(path):
         (("--last", "1s"), LAST + 1 - S, LAST + 1),
     ],
 )
-def test_trim(bag, tmp_path, run, flags, start, end):
+def test_trim_keeps_the_span_of_time(bag, tmp_path, run, flags, start, end):
     expected = [one for one in messages(bag) if start <= one[1] < end]
     seconds = (expected[-1][1] - expected[0][1]) / S
     status, lines, _ = run("trim", bag, tmp_path / "part", "--no-latched", *flags)
@@ -63,7 +63,7 @@ def test_trim(bag, tmp_path, run, flags, start, end):
     assert lines == [f"{tmp_path / 'part'}: {len(expected)} messages of 3 topics, {seconds:.3f} s"]
 
 
-def test_a_merge_of_what_a_filter_took_apart_is_the_bag(bag, tmp_path, run):
+def test_merging_filtered_parts_gives_the_original_bag(bag, tmp_path, run):
     assert run("filter", bag, tmp_path / "points", "--topics", "/point")[0] == 0
     assert run("filter", bag, tmp_path / "others", "--exclude", "/point")[0] == 0
     assert run("filter", bag, tmp_path / "texts", "--exclude-regex", "/(point|map)", "--types", STRING)[0] == 0
@@ -72,10 +72,10 @@ def test_a_merge_of_what_a_filter_took_apart_is_the_bag(bag, tmp_path, run):
     assert messages(tmp_path / "all") == messages(bag)
 
 
-def test_what_cannot_be_cut_is_one_line(bag, tmp_path, run):
+def test_an_invalid_cut_is_refused_and_nothing_is_written(bag, tmp_path, run):
     for words, arguments in (
-        ("must choose a part of the bag, which lasts from 1700000000.000", ("trim", bag, "part", "--from", "2s")),
-        ("must choose a part of the bag", ("trim", bag, "part", "--from", "1s", "--to", "0.5s")),
+        ("must select a part of the bag, which contains 1700000000.000", ("trim", bag, "part", "--from", "2s")),
+        ("must select a part of the bag", ("trim", bag, "part", "--from", "1s", "--to", "0.5s")),
         ("/scan is not in the bag", ("filter", bag, "part", "--topics", "/scan")),
         ("regex", ("filter", bag, "part", "--regex", "(")),
         ("this bag is given twice", ("merge", bag, bag, "part")),
@@ -86,7 +86,7 @@ def test_what_cannot_be_cut_is_one_line(bag, tmp_path, run):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_times_and_durations_are_exact():
+def test_times_and_durations_are_parsed_without_rounding():
     durations = {"10s": 10 * S, "1.5min": 90 * S, "2h": 7200 * S, "250 ms": S // 4, "0.000000001": 1, "7ns": 7}
     assert {text: parse_duration(text) for text in durations} == durations
     times = {"1700000000.123456789": 1_700_000_000_123_456_789, "30ns": 130, "start+5ns": 105, "end-30ns": 171}
@@ -102,7 +102,7 @@ def odom(tmp_path_factory):
     return bag_makers.write_folder(tmp_path_factory.mktemp("bags") / "run", rows)
 
 
-def test_the_lines_are_those_of_ros2_bag_info(odom, run):
+def test_info_prints_the_lines_of_ros2_bag_info_and_a_table(odom, run):
     _, lines, _ = run("info", odom)
     size = (odom / "run_0.mcap").stat().st_size
     assert lines[:8] == [
@@ -120,7 +120,7 @@ def test_the_lines_are_those_of_ros2_bag_info(odom, run):
     assert row == ["/odom", "7.50", "0.200", "1", "100.000", "400.000", "2.8", "KiB", "reliable", "volatile"]
 
 
-def test_json_has_the_same_figures_and_quick_only_the_counts(odom, run):
+def test_info_as_json_has_figures_and_with_quick_only_counts(odom, run):
     info = json.loads("".join(run("info", odom, "--json")[1]))
     topic = next(one for one in info["topics"] if one["name"] == "/odom")
     assert (info["messages"], info["duration"], topic["lost"], topic["rate"]) == (5, 0.4, 1, 7.5)
@@ -131,7 +131,7 @@ def test_json_has_the_same_figures_and_quick_only_the_counts(odom, run):
     assert {quick[name] for name in ("rate", "gap", "latency", "bytes", "unstamped")} == {None}
 
 
-def test_a_check_is_status_0_1_or_2(odom, tmp_path, run):
+def test_the_exit_status_of_check_tells_passed_failed_and_invalid(odom, tmp_path, run):
     path = tmp_path / "contract.yaml"
     path.write_text("version: 1\nbag: {max_lost: 1}\ntopics:\n  /odom: {min_rate: 7}\n")
     status, lines, _ = run("check", odom, path)
@@ -155,7 +155,7 @@ def test_a_check_is_status_0_1_or_2(odom, tmp_path, run):
     assert run("check", odom, path)[0] == 2
 
 
-def test_consistency_of_a_filter_is_a_rule(tmp_path, run):
+def test_check_measures_the_consistency_of_a_filter(tmp_path, run):
     path = tmp_path / "contract.yaml"
     path.write_text("version: 1\ntopics: {/ekf/status: {min_nis_inside: 1.0}}")
     assert run("check", view_bags.write(tmp_path / "circle", view_bags.drive(steps=50)), path)[0] == 0
@@ -175,6 +175,6 @@ def test_repair_prints_what_is_lost(bag, tmp_path, run):
     status, lines, _ = run("repair", source, tmp_path / "fixed")
     lost = 402 - len(messages(tmp_path / "fixed"))
     assert (status, lines[0]) == (0, f"{tmp_path / 'fixed'}: {402 - lost} messages of 3 topics in 1.990 s")
-    assert lines[1].startswith(f"run.mcap: lost: {chunk.chunk_length} bytes that cannot be read, between 0.")
-    assert lines[2].startswith(f"lost: {lost} messages by the index (/")
+    assert lines[1].startswith(f"run.mcap: lost: {chunk.chunk_length} damaged bytes, between 0.")
+    assert lines[2].startswith(f"lost: {lost} messages that the index lists (/")
     assert run("repair", source, tmp_path / "fixed")[0] == 1
