@@ -100,7 +100,8 @@ def run_demo(options: DemoOptions) -> int:
         DiffbotError: if the output folder is in use or a node fails.
     """
     began = time.monotonic()
-    with output_folder(options.out) as folder:
+    folder = options.out
+    with output_folder(folder):
         make_room_for_bag(folder / "bag", options.overwrite)
         (folder / "log").mkdir(exist_ok=True)
     with contextlib.ExitStack() as stack:
