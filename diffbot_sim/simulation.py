@@ -277,7 +277,7 @@ class Drive(NamedTuple):
         return math.hypot(self.error.x, self.error.y)
 
 
-class SimulatedRobot:
+class ClosedLoop:
     """A simulated robot with the filter and the supervisor of the nodes; time goes on from drive to drive."""
 
     def __init__(

@@ -20,7 +20,7 @@ from diffbot_sim.batch import COLUMNS, Starts, run_batch, run_histories
 from diffbot_sim.config import DetectorConfig, PlantConfig, SensorConfig, StartPose, WorldConfig
 from diffbot_sim.fusion import Robot
 from diffbot_sim.robot_step import FEEDBACKS, Case
-from diffbot_sim.simulation import SimulatedRobot, simulate
+from diffbot_sim.simulation import ClosedLoop, simulate
 
 ORIGIN = Pose(0.0, 0.0, 0.0)
 PAPER = PlantConfig(exact_arc=False, drive_noise=0.0, encoder_noise=0.0, eps_v_max=0.065, eps_omega_max=0.2167)
@@ -179,7 +179,7 @@ def test_measurements_of_all_kinds_are_fused_as_the_node_fuses_them_late_or_not(
     plain = simulate(world, CONTROLLER, ORIGIN, 120, "ekf", localization)
     assert_same_histories(run_histories(case, Starts(np.array([START])), 9, 1, 1)[0], plain)
     # The filter of the nodes, which keeps a history of messages.
-    node, memory = SimulatedRobot(world, localization, SupervisorConfig(), SwitchingLaw), new_memory()
+    node, memory = ClosedLoop(world, localization, SupervisorConfig(), SwitchingLaw), new_memory()
     for index in range(121):
         node.sense()
         np.testing.assert_allclose(node.truth, plain.truth[index], rtol=0.0, atol=1e-9)
