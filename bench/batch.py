@@ -21,7 +21,7 @@ from diffbot_core.geometry import Pose
 from diffbot_lab.gym import GOAL
 from diffbot_lab.paper.experiment import SETTINGS, case_of, starts_of
 from diffbot_sim.batch import run_batch
-from diffbot_sim.fusion import new_recent
+from diffbot_sim.fusion import new_buffers
 from diffbot_sim.noise import FIX, MOTION, NoiseSource
 from diffbot_sim.robot_step import HISTORY_COLUMNS, make_loop
 from diffbot_sim.sensors import purposes_of
@@ -108,13 +108,13 @@ def rate(runs: int, call: Callable[[], Any], clock: Callable[[], float] = time.p
 
 def measure_round(table: Table, runs: int) -> None:
     """Measure each once, both sides right after each other."""
-    run_loop, recent = make_loop(SwitchingLaw, CASE.feedback), new_recent(CASE.robot)
+    run_loop, buffers = make_loop(SwitchingLaw, CASE.feedback), new_buffers(CASE.robot)
     noise = NoiseSource().run(1, 0, STEPS + 1, purposes_of(CASE.robot.sensors, 0, 0.0))
     nothing, cpu = np.empty((0, len(HISTORY_COLUMNS))), time.process_time
     table.add(
         "all threads, beside the same loop as plain Python [M steps/s]",
         rate(runs, lambda: run_batch(CASE, START, 1, 0, runs)),
-        rate(1, lambda: run_loop(CASE, recent, noise, Pose(*START.poses[0]), nothing)),
+        rate(1, lambda: run_loop(CASE, buffers, noise, Pose(*START.poses[0]), nothing)),
     )
     table.add(
         "one thread, beside a kernel written by hand for this case [M steps/s]",

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtri
 from tqdm import tqdm
 
-from diffbot_control.filter import ekf, state
+from diffbot_control.filter import ekf
 from diffbot_control.filter.config import (
     CALIBRATING,
     EKF,
@@ -34,12 +34,12 @@ from diffbot_lab.cases import described
 from diffbot_lab.tables import number
 from diffbot_sim.batch import in_threads
 from diffbot_sim.config import PlantConfig, SensorConfig, WorldConfig
-from diffbot_sim.fusion import Robot, arriving_pose, new_recent, referred
+from diffbot_sim.fusion import SimulatedRobot, arriving_pose, new_buffers, reference_to
 from diffbot_sim.jit import compile_kernel, one_compiler
 from diffbot_sim.noise import NoiseSource, uniform
 from diffbot_sim.robot_step import advance, sense_estimate, start
 from diffbot_sim.sensors import purposes_of
-from diffbot_sim.simulation import robot_of
+from diffbot_sim.simulation import simulated_robot
 
 Array = NDArray[np.float64]
 
@@ -119,7 +119,7 @@ SCENARIOS = (
 class OpenLoopCase(NamedTuple):
     """Settings that all runs of a case share."""
 
-    robot: Robot
+    robot: SimulatedRobot
     steps: int
     skipped: int
     """steps at the start that do not count"""
@@ -162,7 +162,7 @@ def drive_of(scenario: Scenario, odometry_rate: int, fix_rate: int, filter_name:
     localization = LocalizationConfig(filter=FilterConfig(filter=filter_name))
     kidnapped = round(plant.kidnap_time * odometry_rate) if plant.kidnap_time > 0.0 else -1
     steps, skipped = round(DURATION * odometry_rate), round(SKIPPED * odometry_rate)
-    return OpenLoopCase(robot_of(world, localization), steps, skipped, kidnapped)
+    return OpenLoopCase(simulated_robot(world, localization), steps, skipped, kidnapped)
 
 
 def begin_of(source: NoiseSource, seed: int, run: int) -> tuple[float, Twist]:
@@ -171,25 +171,25 @@ def begin_of(source: NoiseSource, seed: int, run: int) -> tuple[float, Twist]:
     return uniform(theta, math.pi), Twist(V_MIDDLE + uniform(v, V_HALF), uniform(omega, OMEGA_HALF))
 
 
-def _drive(recent: Any, theta: float, command: Twist, noise: Any, history: Any) -> None:
+def _drive(buffers: Any, theta: float, command: Twist, noise: Any, history: Any) -> None:
     """Drive from the origin with the noise (purposes, steps + 1, 4), and fill the history (steps + 1, 7)."""
-    robot = recent.robot
-    body, newest = start(recent, Pose(0.0, 0.0, theta)), recent.filter.last[_FIXES]
+    robot = buffers.robot
+    state, newest = start(buffers, Pose(0.0, 0.0, theta)), buffers.filter.last[_FIXES]
     for step in range(len(history)):
-        body = sense_estimate(body, recent, noise[:, step], robot.sensors, robot.plant.sampling_time)
-        row, truth = history[step], body.state.pose
-        error, P = ekf.average(recent.filter, robot.filter)
+        state = sense_estimate(state, buffers, noise[:, step], robot.sensors, robot.plant.sampling_time)
+        row, truth = history[step], state.plant.pose
+        error, P = ekf.average(buffers.filter, robot.filter)
         error[0], error[1], error[2] = error[0] - truth.x, error[1] - truth.y, wrap_angle(error[2] - truth.theta)
         row[0], row[1] = math.hypot(error[0], error[1]), error[2]
-        row[2], row[3] = body.feedback.uncertainty
+        row[2], row[3] = state.feedback.uncertainty
         row[4], row[5], row[6] = ekf.normalised_square(error[:3], P), math.nan, math.nan
-        if arriving_pose(recent, step) >= 0:
+        if arriving_pose(buffers, step) >= 0:
             row[5], row[6] = newest[state.NIS], newest[state.OUTCOME]
-        body = advance(body, recent.commands, command, noise[:, step], robot.plant)
+        state = advance(state, buffers.commands, command, noise[:, step], robot.plant)
 
 
-def _drive_all(recent: Any, begins: Any, noise: Any, histories: Any) -> None:
-    shared = referred(recent)
+def _drive_all(buffers: Any, begins: Any, noise: Any, histories: Any) -> None:
+    shared = reference_to(buffers)
     for run in range(len(histories)):
         theta, command = begins[run, 0], Twist(begins[run, 1], begins[run, 2])
         _drive(shared, theta, command, noise[run], histories[run])
@@ -198,11 +198,11 @@ def _drive_all(recent: Any, begins: Any, noise: Any, histories: Any) -> None:
 _kernel = compile_kernel(_drive_all)
 
 
-def _compile(robot: Robot) -> None:
+def _compile(robot: SimulatedRobot) -> None:
     """Compile the kernel before threads call it; all robots have the same types."""
     if not _kernel.signatures:
         with one_compiler(""):
-            _kernel(new_recent(robot), np.empty((0, 3)), np.empty((0, 1, 1, 4)), np.empty((0, 1, 7)))
+            _kernel(new_buffers(robot), np.empty((0, 3)), np.empty((0, 1, 1, 4)), np.empty((0, 1, 7)))
 
 
 def run_drives(case: OpenLoopCase, seed: int, runs: int, threads: int | None = None) -> Array:
@@ -231,7 +231,7 @@ def run_histories(case: OpenLoopCase, seed: int, runs: range) -> Array:
     begins = np.array([(theta, *twist) for theta, twist in (begin_of(source, seed, run) for run in runs)])
     histories: Array = np.empty((len(runs), steps, len(HISTORY_COLUMNS)))
     _compile(robot)
-    _kernel(new_recent(robot), begins, noise, histories)
+    _kernel(new_buffers(robot), begins, noise, histories)
     return histories
 
 

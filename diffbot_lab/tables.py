@@ -1,4 +1,4 @@
-"""Tables of results: Markdown, and figures as text."""
+"""Format tables of results."""
 
 from __future__ import annotations
 
@@ -16,5 +16,5 @@ def _line(cells: Iterable[str]) -> str:
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """Format a figure with ``digits`` decimals, ``-`` for None."""
+    """Return a number with ``digits`` decimals, or ``-`` for None."""
     return "-" if value is None else f"{value:.{digits}f}"

@@ -18,7 +18,7 @@ from diffbot_core.uncertainty import Estimate
 from diffbot_sim import batch
 from diffbot_sim.batch import COLUMNS, Starts, run_batch, run_histories
 from diffbot_sim.config import DetectorConfig, PlantConfig, SensorConfig, StartPose, WorldConfig
-from diffbot_sim.fusion import Robot
+from diffbot_sim.fusion import SimulatedRobot
 from diffbot_sim.robot_step import FEEDBACKS, Case
 from diffbot_sim.simulation import Simulation, simulate
 
@@ -40,7 +40,7 @@ TOO_LATE_SENSORS = {
 
 
 def case_of(plant=PAPER, sensors=SENSORS, controller=CONTROLLER, goal=ORIGIN, feedback="raw", steps=150):
-    robot = Robot(plant, sensors, options_of(LocalizationConfig()), np.empty((0, 2)))
+    robot = SimulatedRobot(plant, sensors, options_of(LocalizationConfig()), np.empty((0, 2)))
     return Case(robot, controller, goal, FEEDBACKS.index(feedback), False, steps, 0.4, 0.1)
 
 

@@ -8,7 +8,7 @@ import pytest
 from diffbot_control.filter.dock import robot_at_dock
 from diffbot_core.geometry import Pose, into_frame, out_of_frame
 from diffbot_sim import sensors
-from diffbot_sim.config import DetectorConfig, SensorConfig, dock_of
+from diffbot_sim.config import DetectorConfig, SensorConfig, dock_pose
 from diffbot_sim.noise import DETECTION, DETECTION_FAULT, NoiseSource, quiet_noise
 from diffbot_sim.sensors import NO_ERRORS, claimed_noise, detected_dock
 
@@ -17,7 +17,7 @@ CONFIG = DetectorConfig(dock_x=3.0, dock_y=-2.0, dock_yaw=2.5, detection_rate=5.
 
 def detections(robot, config=CONFIG, count=1500):
     """Detect the dock from a pose in its frame."""
-    pose = out_of_frame(robot, dock_of(config))
+    pose = out_of_frame(robot, dock_pose(config))
     noise = NoiseSource().run(5, 1, count, (DETECTION, DETECTION_FAULT))
     return [detected_dock(pose, noise[:, step], config) for step in range(count)]
 
@@ -64,7 +64,7 @@ def test_the_dock_is_seen_from_nearest_to_farthest():
 def test_with_a_detector_poses_are_measured_at_its_rate_in_the_frame_of_the_dock():
     robot, noise = Pose(-2.0, 0.4, 0.3), quiet_noise(1, 0)[:, 0]
     config = SensorConfig(fix_rate=10.0, detector=CONFIG._replace(detection_rate=2.0, detection_delay=0.3))
-    fix = sensors.measured_pose(out_of_frame(robot, dock_of(config.detector)), NO_ERRORS, noise, config)
+    fix = sensors.measured_pose(out_of_frame(robot, dock_pose(config.detector)), NO_ERRORS, noise, config)
     assert fix.pose == pytest.approx(robot, abs=1e-12)
     assert (sensors.pose_delay(config), fix.lost) == (0.3, False)
     assert [step for step in range(21) if sensors.is_pose_due(step, config, 0.1)] == [0, 5, 10, 15, 20]

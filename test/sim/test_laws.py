@@ -12,7 +12,7 @@ from diffbot_control.law.switching import SwitchingLaw
 from diffbot_core.geometry import Pose
 from diffbot_lab.cases import Configuration, make_case
 from diffbot_sim.batch import Starts, run_batch
-from diffbot_sim.fusion import new_recent
+from diffbot_sim.fusion import new_buffers
 from diffbot_sim.jit import law_version
 from diffbot_sim.noise import NoiseSource
 from diffbot_sim.robot_step import make_loop
@@ -78,7 +78,7 @@ def case_for(law, **config):
 
 def plain_run(law, case, start=TURNED):
     noise = NoiseSource().run(1, 0, case.steps + 1, purposes_of(case.robot.sensors, 0, 0.0))
-    return make_loop(law, case.feedback)(case, new_recent(case.robot), noise, start, np.empty((0, 12)))
+    return make_loop(law, case.feedback)(case, new_buffers(case.robot), noise, start, np.empty((0, 12)))
 
 
 def test_a_law_that_does_not_compile_runs_as_plain_python_and_says_so_once(write, caplog):
@@ -89,7 +89,7 @@ def test_a_law_that_does_not_compile_runs_as_plain_python_and_says_so_once(write
         found = [run_batch(case_for(law), START, 1, 0, 1, 1, law)[0] for _ in range(2)]
     said = [record.getMessage() for record in caplog.records]
     assert len(said) == 1
-    assert said[0].startswith("law plain runs as plain Python, numba cannot compile it: ")
+    assert said[0].startswith("law plain runs as plain Python, since numba cannot compile it: ")
     assert "\n" not in said[0]
     expected = plain_run(law, case_for(law))
     for one in found:

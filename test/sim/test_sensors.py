@@ -18,7 +18,7 @@ TRUTH = Pose(4.0, -3.0, 3.1)
 
 
 def test_a_whole_ratio_is_exact_for_long():
-    assert [step for step in range(10**6, 10**6 + 3000) if sensors.due(step, 1.0, 0.001)] == [
+    assert [step for step in range(10**6, 10**6 + 3000) if sensors.is_due(step, 1.0, 0.001)] == [
         1_000_000,
         1_001_000,
         1_002_000,
@@ -29,7 +29,7 @@ def test_a_whole_ratio_is_exact_for_long():
 @given(st.floats(0.1, 50.0), st.sampled_from((0.01, 0.02, 0.1, 0.15)))
 def test_any_rate_is_kept_on_average_and_evenly(rate, sampling_time):
     per_step = min(rate * sampling_time, 1.0)
-    found = [step for step in range(2000) if sensors.due(step, rate, sampling_time)]
+    found = [step for step in range(2000) if sensors.is_due(step, rate, sampling_time)]
     assert abs(len(found) - 2000 * per_step) <= 1.0 + 1e-6
     gaps = np.diff(found)
     if len(gaps):
@@ -65,7 +65,7 @@ def test_errors_are_uniform_within_their_bounds_and_independent_of_each_other():
     for noise in noises(FIX, FURTHER):
         fix = sensors.measured_fix(TRUTH, NO_ERRORS, noise, config).pose
         turns = fix.theta - 3.1, sensors.measured_heading(TRUTH, noise, config) - 3.1
-        rate = sensors.measured_rate(0.7, noise, config) - 0.7 + 0.1
+        rate = sensors.measured_turn_rate(0.7, noise, config) - 0.7 + 0.1
         errors.append((fix.x - 4.0, fix.y + 3.0, *(math.remainder(one, math.tau) for one in turns), rate))
         assert -math.pi < fix.theta <= math.pi
     assert_uniform(errors, 0.3, 0.3, 0.17, 0.087, 0.01)
@@ -122,8 +122,8 @@ def test_correlated_errors_have_the_same_variance_at_every_fix_and_decay_geometr
 
 
 def test_turn_rates_come_at_their_rate_over_the_steps_before():
-    assert not sensors.rate_due(0, SensorConfig(gyro_rate=10.0), 0.1)
-    assert [step for step in range(7) if sensors.rate_due(step, SensorConfig(gyro_rate=5.0), 0.1)] == [2, 4, 6]
+    assert not sensors.is_gyro_due(0, SensorConfig(gyro_rate=10.0), 0.1)
+    assert [step for step in range(7) if sensors.is_gyro_due(step, SensorConfig(gyro_rate=5.0), 0.1)] == [2, 4, 6]
 
 
 def test_each_purpose_and_each_run_has_noise_of_its_own_wherever_a_step_is_drawn():
