@@ -18,8 +18,8 @@ from diffbot_lab.filter_benchmark import (
     COLUMNS,
     SCENARIOS,
     Tracking,
-    begin_of,
-    drive_of,
+    case_of,
+    draw_drive,
     figures_of,
     run_benchmark,
     run_drives,
@@ -44,7 +44,7 @@ def benchmarked():
 
 def driven(one, rates, filter_name, seed, run):
     """The same drive with the world and the filter of the nodes: rows of error, P, and NIS and outcome of each fix."""
-    theta, command = begin_of(NoiseSource(), seed, run)
+    theta, command = draw_drive(NoiseSource(), seed, run)
     plant = one.plant._replace(sampling_time=1.0 / rates[0])
     sensors = one.sensors._replace(fix_rate=float(rates[1]))
     world = World(WorldConfig(plant, sensors, StartPose(0.0, 0.0, theta), seed, run, one.landmarks))
@@ -97,7 +97,7 @@ def test_the_drive_is_that_of_the_nodes_filter(name, rates, filter_name):
         assert expected.rejected > 5
         assert expected.relocated > 0
         assert 0.0 < back < 20.0
-    case = drive_of(scenario(name), *rates, filter_name)
+    case = case_of(scenario(name), *rates, filter_name)
     np.testing.assert_allclose(run_drives(case, seed, run + 1)[run], expected, rtol=1e-9, atol=1e-9)
     history = run_histories(case, seed, range(run, run + 1))[0]
     deviations = [uncertainty_of(P) for P in covariances]
@@ -112,12 +112,12 @@ def test_results_are_those_of_the_drives(benchmarked):
     expected = ["_".join(map(str, (one.name, *rates))) for one in SCENARIOS for rates in one.rates]
     assert [one["name"] for one in results["cases"]] == expected
     case = next(one for one in results["cases"] if one["name"] == "outliers_50_10")
-    drives = run_drives(drive_of(scenario("outliers"), 50, 10, CALIBRATING), 1, RUNS)
+    drives = run_drives(case_of(scenario("outliers"), 50, 10, CALIBRATING), 1, RUNS)
     assert case["filters"][CALIBRATING] == figures_of(drives)
 
 
 def test_any_number_of_threads_gives_the_same():
-    case = drive_of(scenario("all"), 10, 5, FNN)
+    case = case_of(scenario("all"), 10, 5, FNN)
     alone = run_drives(case, 2, 20, threads=1)
     np.testing.assert_array_equal(run_drives(case, 2, 20, threads=3), alone)
     np.testing.assert_array_equal(run_drives(case, 2, 7), alone[:7])
