@@ -14,7 +14,7 @@ from diffbot_control.goals.registry import resolve_law
 from diffbot_core.errors import DiffbotError
 from diffbot_lab.campaign import report, spec
 from diffbot_lab.campaign import runner as module
-from diffbot_lab.campaign.journal import JOURNAL, Journal, parsed, sealed
+from diffbot_lab.campaign.journal import JOURNAL, Journal, decode_line, encode_line
 from diffbot_lab.campaign.runner import cluster_executor, open_chunks, run_campaign, run_chunk
 from diffbot_lab.campaign.spec import make_campaign
 from diffbot_lab.campaign.statistics import CellStatistics, count_outcomes
@@ -88,9 +88,9 @@ def test_the_journal_of_a_campaign_cut_anywhere_goes_on(tmp_path, expected):
 
 def damaged_lines(lines):
     yield from (b"5\n", b"null\n", b"{}\n", b"\n", b"\x00\xff\n", lines[2][:50] + b"\n", b"[" * 9999 + b"\n")
-    yield json.dumps(parsed(lines[2])).encode() + b"\n"  # without a checksum
+    yield json.dumps(decode_line(lines[2])).encode() + b"\n"  # without a checksum
     yield lines[2].replace(b'"runs":7', b'"runs":6')
-    yield sealed({"cell": 0})
+    yield encode_line({"cell": 0})
 
 
 def test_a_line_that_is_damaged_in_the_middle_is_run_again(tmp_path, expected):
@@ -118,29 +118,30 @@ def assert_refused(folder, capsys, text):
 
 
 @pytest.mark.parametrize(
-    "content", [b"hello", bytes(range(256)), b'{"format":3,"iden\n', b'{"format":3,"x', sealed({"format": 999}), b"\n"]
+    "content",
+    [b"hello", bytes(range(256)), b'{"format":3,"iden\n', b'{"format":3,"x', encode_line({"format": 999}), b"\n"],
 )
 def test_what_is_no_journal_is_not_touched(content, tmp_path, capsys):
     (tmp_path / JOURNAL).write_bytes(content)
-    assert_refused(tmp_path, capsys, "is not a journal of a campaign (format 3): not touched")
+    assert_refused(tmp_path, capsys, "is not a journal of a campaign (format 3): choose another --out")
 
 
 def test_another_campaigns_journal_is_not_touched(tmp_path, capsys):
     path = tmp_path / JOURNAL
     Journal(path, make_campaign(SMALL)).close()
-    header = parsed(path.read_bytes())
+    header = decode_line(path.read_bytes())
     for key, message in (
         ("identity", "belongs to another campaign"),
         ("sources", "another version of the code"),
     ):
         for changed in ({**header, key: "0" * 16}, {name: value for name, value in header.items() if name != key}):
-            path.write_bytes(sealed(changed))
+            path.write_bytes(encode_line(changed))
             assert_refused(tmp_path, capsys, message)
 
 
 def test_results_of_another_command_are_not_overwritten(tmp_path, capsys):
     (tmp_path / "results.json").write_text('{"experiment": "a"}')
-    assert_refused(tmp_path, capsys, "results.json is not of a campaign with a journal: choose another --out")
+    assert_refused(tmp_path, capsys, "results.json was not written by a campaign: choose another --out")
 
 
 def test_two_at_a_time_count_each_chunk_once(tmp_path, expected):
