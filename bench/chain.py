@@ -1,13 +1,14 @@
 """Child process of latency.py: ``python bench/chain.py SCENARIO SIDE NODES SECONDS``.
 
 NODES is a comma-separated part of ``source,filter,control``. In the scenario ``clocked`` the source sends odometry at
-50 Hz and fixes at 10 Hz, and measures the time until it receives the command. In ``lockstep`` the source is a plant that
-makes its next step when it receives the command for the present step. The side ``ours`` runs EkfNode, ControllerNode and
-PlantNode. ``robot`` runs the filter and the controller of robot_node. ``bare`` runs relays that compute nothing.
+50 Hz and fixes at 10 Hz, and measures the time until it receives the command. In ``lockstep`` the source is a plant
+that makes its next step when it receives the command for the present step. The side ``ours`` runs EkfNode,
+ControllerNode and PlantNode. ``robot`` runs the filter and the controller of robot_node. ``bare`` runs relays that
+compute nothing.
 
-The process of the source prints two JSON lines, one when the chain has warmed up and one with the measurement. The other
-processes run until SIGINT. If filter and controller share a process without the source, this process then prints the
-times [ms] from each callback for odometry until its command is published.
+The process of the source prints two JSON lines, one when the chain has warmed up and one with the measurement. The
+other processes run until SIGINT. If filter and controller share a process without the source, this process then prints
+the times [ms] from each callback for odometry until its command is published.
 """
 
 # The nodes of this project are imported where they are created, so that relays and drivers start quickly.
@@ -95,8 +96,8 @@ class ClockedSource(Node):
     """Sends odometry and fixes by a timer, and measures the time until the command arrives.
 
     A latency is the time from the timer's callback, before it fills its messages, to the callback for the command.
-    Commands have no stamp, but they arrive in the order of the odometry. If no message is lost, the n-th command answers
-    the n-th odometry.
+    Commands have no stamp, but they arrive in the order of the odometry. If no message is lost, the n-th command
+    answers the n-th odometry.
     """
 
     def __init__(self, seconds: float) -> None:
