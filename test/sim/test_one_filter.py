@@ -1,4 +1,4 @@
-"""The filter runs as plain Python on filterpy's algebra and compiled on loops: both are the same to the last digits."""
+"""The filter as plain Python with filterpy and the compiled filter have equal results."""
 
 import math
 
@@ -22,7 +22,7 @@ SIGMAS = {models.POSE_FIX: (0.2, 0.2, 0.1), models.POSITION_FIX: (0.3, 0.3), mod
 
 
 def fuse(filter_, options, motions, readings, outcomes):
-    """Fuse all measurements in the order of their rows; a late one takes the filter back by five steps."""
+    """Fuse all measurements in the order of their rows. Late ones make the filter return by five steps."""
     memory = np.zeros((5, len(filter_.memory)))
     for step in range(len(motions)):
         late = step % 7 == 6
@@ -49,7 +49,7 @@ def fuse(filter_, options, motions, readings, outcomes):
 
 
 def drive(rng):
-    """Return motions (n, 4) and readings (n, 4, 13) of a winding drive: outliers, and measurements that come late."""
+    """Return motions (n, 4) and readings (n, 4, 13) of a winding drive, with outliers and late measurements."""
     motions, readings = np.zeros((STEPS, 4)), np.full((STEPS, 4, 13), -1.0)
     pose, error = Pose(0.0, 0.0, 0.0), np.zeros(3)
     for step in range(STEPS):
@@ -92,9 +92,9 @@ def compiled():
 
 
 @pytest.mark.parametrize("variant", FILTERS)
-def test_with_everything_switched_on_both_are_the_same(variant, compiled):
+def test_compiled_and_plain_filter_are_equal_with_all_options(variant, compiled):
     motions, readings = drive(np.random.default_rng(3))
-    # The robot is carried away: the fixes from then on relocate the filter.
+    # The robot is kidnapped at step 400, so the following fixes relocate the filter.
     fixes = (readings[400:, :, 0] == models.POSE_FIX) | (readings[400:, :, 0] == models.POSITION_FIX)
     readings[400:, :, 3][fixes] += 8.0
     config = LocalizationConfig(filter=FilterConfig(filter=variant, use_gyro=True))
