@@ -25,7 +25,7 @@ from diffbot_sim.fusion import SimulatedRobot, borrowed, new_buffers, reference_
 from diffbot_sim.jit import compile_kernel, law_version, one_compiler
 from diffbot_sim.noise import NoiseSource, uniform
 from diffbot_sim.outcome import Outcome
-from diffbot_sim.robot_step import FEEDBACKS, HISTORY_COLUMNS, TRUTH_CODE, Case, check_robot, make_loop
+from diffbot_sim.robot_step import FEEDBACKS, HISTORY_COLUMNS, TRUTH, Case, check_robot, make_loop
 from diffbot_sim.sensors import purposes_of
 
 _log = logging.getLogger(__name__)
@@ -78,40 +78,35 @@ def _make_fill(law: type[Law], feedback: int) -> Callable[..., None]:
     return fill
 
 
-class _Kernels:
-    """Kernels by law and feedback: compiled, or plain Python for laws that numba cannot compile."""
+_kernels: dict[tuple[type[Law], int], Any] = {}
+"""Kernels by law and feedback: compiled, or plain Python for laws that numba cannot compile."""
+_kernels_lock = Lock()
 
-    def __init__(self) -> None:
-        self._kernels: dict[tuple[int, int], tuple[type[Law], Any]] = {}
-        self._lock = Lock()
 
-    def kernel(self, law: type[Law], feedback: int, example: tuple[Any, ...]) -> Any:
-        """Return the kernel of a law and a feedback, compiled for the types of ``example``.
+def _kernel(law: type[Law], feedback: int, example: tuple[Any, ...]) -> Any:
+    """Return the kernel of a law and a feedback, compiled for the types of ``example``.
 
-        ``example`` are arguments with no runs. If numba cannot compile the kernel, log the reason once and return the
-        plain Python function.
-        """
-        with self._lock:
-            _, kernel = self._kernels.get((id(law), feedback), (law, None))
-            if kernel is None:
-                kernel = compile_kernel(_make_fill(law, feedback), law_version(law))
-            if hasattr(kernel, "py_func") and tuple(map(kernel.typeof_pyval, example)) not in kernel.overloads:
-                try:
-                    with one_compiler(law_version(law)):
-                        kernel(*example)  # compiles; there are no runs
-                except Exception as error:  # numba's errors have no common base class
-                    kernel, reason = kernel.py_func, _first_line(error)
-                    _log.warning("law %s runs as plain Python, since numba cannot compile it: %s", law.name, reason)
-            self._kernels[id(law), feedback] = law, kernel
-            return kernel
+    ``example`` are arguments with no runs. If numba cannot compile the kernel, log the reason once and return the plain
+    Python function.
+    """
+    with _kernels_lock:
+        kernel = _kernels.get((law, feedback))
+        if kernel is None:
+            kernel = compile_kernel(_make_fill(law, feedback), law_version(law))
+        if hasattr(kernel, "py_func") and tuple(map(kernel.typeof_pyval, example)) not in kernel.overloads:
+            try:
+                with one_compiler(law_version(law)):
+                    kernel(*example)  # compiles; there are no runs
+            except Exception as error:  # numba's errors have no common base class
+                kernel, reason = kernel.py_func, _first_line(error)
+                _log.warning("law %s runs as plain Python, since numba cannot compile it: %s", law.name, reason)
+        _kernels[law, feedback] = kernel
+        return kernel
 
 
 def _first_line(error: Exception) -> str:
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     return next((line for line in lines if not line.startswith(("Failed in", "-"))), type(error).__name__)
-
-
-_kernels = _Kernels()
 
 
 def run_batch(
@@ -167,10 +162,10 @@ def _simulate(
     check_case(case, starts)
     outcomes: Array = np.empty((len(runs), len(COLUMNS)))
     histories: Array = np.empty((len(runs), case.steps + 1 if with_histories else 0, len(HISTORY_COLUMNS)))
-    sensors = SensorConfig(fix_rate=0.0) if case.feedback == TRUTH_CODE else case.robot.sensors
+    sensors = SensorConfig(fix_rate=0.0) if case.feedback == FEEDBACKS.index(TRUTH) else case.robot.sensors
     purposes = purposes_of(sensors, len(case.robot.landmarks), case.robot.plant.slip_noise)
     none = np.empty((0, 3)), np.empty((0, 1, 1, 4))
-    kernel = _kernels.kernel(law, case.feedback, (case, new_buffers(case.robot), *none, outcomes[:0], histories[:0]))
+    kernel = _kernel(law, case.feedback, (case, new_buffers(case.robot), *none, outcomes[:0], histories[:0]))
 
     size = max(min(_LONG_CHUNK if with_histories else _CHUNK, len(runs)), 1)
 

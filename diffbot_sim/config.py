@@ -7,7 +7,6 @@ from typing import Annotated, NamedTuple
 
 from diffbot_control.filter.config import LandmarkMap
 from diffbot_core.data_sheet import CommandLatency, MaxAcceleration, MaxAngularAcceleration
-from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import WheelGeometry
 from diffbot_core.schema import DISTANCE, HEADING, POSITION, TIME, TIMEOUT, WHEEL_SPEED, Spec, known_fields
@@ -143,21 +142,3 @@ class WorldConfig(NamedTuple):
 def dock_pose(config: DetectorConfig) -> Pose:
     """Return the pose of the docked robot in map."""
     return Pose(config.dock_x, config.dock_y, config.dock_yaw)
-
-
-def check_detector(config: SensorConfig) -> None:
-    """Refuse detectors that a simulation with one filter does not support.
-
-    With a detector, the map of the filter is the frame of the dock.
-
-    Raises:
-        InvalidValueError: for a detector together with fixes, or a dock that is not at the origin.
-    """
-    if config.detector.detection_rate <= 0.0:
-        return
-    if config.fix_rate > 0.0:
-        raise InvalidValueError(
-            "fix_rate", config.fix_rate, "0 with a detection_rate, since this simulation has one filter"
-        )
-    if dock_pose(config.detector) != (0.0, 0.0, 0.0):
-        raise InvalidValueError("dock_x, dock_y, dock_yaw", tuple(dock_pose(config.detector)), "0 in this simulation")

@@ -20,7 +20,7 @@ from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty
-from diffbot_sim.config import PlantConfig, SensorConfig, check_detector
+from diffbot_sim.config import PlantConfig, SensorConfig, dock_pose
 from diffbot_sim.fusion import RunBuffers, SimulatedRobot, arriving_pose, clear, estimate, pose_at, record_step
 from diffbot_sim.outcome import Criteria, LawState, Outcome, add_step, new_totals, outcome_of
 from diffbot_sim.plant import PlantState, delayed_command, new_plant, plant_step
@@ -29,8 +29,6 @@ from diffbot_sim.sensors import NO_ERRORS, FixErrors, is_pose_due, measured_pose
 TRUTH, RAW, EKF = "truth", "raw", "ekf"
 FEEDBACKS = (TRUTH, RAW, EKF)
 """Pose that the controller receives: the true pose, the newest fix (as in the paper), or the filter's estimate."""
-TRUTH_CODE, RAW_CODE, EKF_CODE = range(3)
-"""Indices of FEEDBACKS, for compiled code."""
 
 
 class Feedback(NamedTuple):
@@ -223,15 +221,21 @@ def check_robot(robot: SimulatedRobot, history_length: float) -> None:
     """Refuse sensors that the loop does not support; ``history_length`` [s] is the largest delay of a measurement.
 
     Raises:
-        InvalidValueError: if poses are delayed by more than the history, if the filter uses a gyro that the robot does
-            not have, or for a detector that the loop does not support, see :func:`config.check_detector`.
+        InvalidValueError: for a detector together with fixes, since the loop has one filter; for a dock that is not at
+            the origin, since the map of a filter with a detector is the frame of the dock; for a filter that uses a
+            gyro on a robot without a gyro; for poses that are delayed by more than the history.
     """
-    sensors = robot.sensors
-    check_detector(sensors)
+    sensors, detector = robot.sensors, robot.sensors.detector
+    if detector.detection_rate > 0.0:
+        if sensors.fix_rate > 0.0:
+            bound = "0 with a detection_rate, since this simulation has one filter"
+            raise InvalidValueError("fix_rate", sensors.fix_rate, bound)
+        if dock_pose(detector) != (0.0, 0.0, 0.0):
+            raise InvalidValueError("dock_x, dock_y, dock_yaw", tuple(dock_pose(detector)), "0 in this simulation")
     if robot.filter.variances[BIAS - WHEELS] > 0.0 and sensors.gyro_rate == 0.0:
         raise InvalidValueError("use_gyro", True, "false while gyro_rate is 0")
     if pose_delay(sensors) > history_length:
-        name = "detection_delay" if sensors.detector.detection_rate > 0.0 else "fix_delay"
+        name = "detection_delay" if detector.detection_rate > 0.0 else "fix_delay"
         raise InvalidValueError(
             name, pose_delay(sensors), f"<= {history_length:g} s, the length of the filter's history"
         )

@@ -110,34 +110,27 @@ def test_landmarks_within_range_are_measured_at_their_rate_and_position():
     assert numbers == {7, -2, 4}
 
 
-def test_landmark_errors_have_the_claimed_covariance_and_are_independent():
-    sensors = QUIET.sensors._replace(landmark_rate=10.0, heading_rate=10.0, eps_xy_max=0.3)
+def test_errors_have_the_covariances_of_the_messages_and_are_independent():
+    sensors = SensorConfig(eps_xy_max=0.6, eps_theta_max=0.17, heading_rate=10.0, landmark_rate=10.0)
+    # Even two landmarks at the same position have independent errors.
     landmarks = LandmarkMap((1, 2), (6.0, 6.0), (0.0, 0.0))
-    world, errors = World(QUIET._replace(sensors=sensors, landmarks=landmarks, seed=5)), []
+    config = QUIET._replace(sensors=sensors, landmarks=landmarks, seed=5)
+    world, errors = World(config), []
     for _ in range(1500):
         arrivals = world.sense()
         ranges = [number for one in arrivals.landmarks for number in (one.range - 6.0, one.bearing)]
-        errors.append([*ranges, arrivals.fixes[0].pose.x, arrivals.headings[0].theta])
+        errors.append([*arrivals.fixes[0].pose, arrivals.headings[0].theta, *ranges])
         world.advance(Twist(0.0, 0.0))
-    R = arrivals.landmarks[0].R
-    np.testing.assert_allclose(R, np.diag([0.1**2 / 3.0, 0.05**2 / 3.0]))
-    np.testing.assert_allclose(np.var(errors, axis=0)[:4], [*R.diagonal()] * 2, rtol=0.1)
-    # Even two landmarks at the same position have independent errors.
-    assert np.abs(np.corrcoef(np.transpose(errors)) - np.eye(6)).max() < 0.1
-
-
-def test_messages_have_the_covariances_of_the_noise_and_fixes_a_configured_multiple():
-    sensors = SensorConfig(eps_xy_max=0.6, eps_theta_max=0.17, heading_rate=10.0, landmark_rate=10.0)
-    config = WorldConfig(sensors=sensors, landmarks=LandmarkMap((1,), (0.0,), (0.0,)), seed=4)
-    plain = World(config).sense()
-    R = np.diag([0.12, 0.12, 0.17**2 / 3.0])
-    np.testing.assert_allclose(plain.fixes[0].R, R)
-    np.testing.assert_allclose(plain.headings[0].R, [[0.087**2 / 3.0]])
-    scaled = World(config._replace(sensors=sensors._replace(fix_covariance_scale=10.0))).sense()
-    np.testing.assert_allclose(scaled.fixes[0].R, 10.0 * R)
-    np.testing.assert_array_equal(scaled.fixes[0].pose, plain.fixes[0].pose)
-    np.testing.assert_array_equal(scaled.headings[0].R, plain.headings[0].R)
-    np.testing.assert_array_equal(scaled.landmarks[0].R, plain.landmarks[0].R)
+    readings = *arrivals.fixes, *arrivals.headings, *arrivals.landmarks
+    variances = np.concatenate([one.R.diagonal() for one in readings])
+    bounds = np.array((0.6, 0.6, 0.17, 0.087, 0.1, 0.05, 0.1, 0.05))
+    np.testing.assert_allclose(variances, bounds**2 / 3.0)
+    np.testing.assert_allclose(np.var(errors, axis=0), variances, rtol=0.1)
+    assert np.abs(np.corrcoef(np.transpose(errors)) - np.eye(8)).max() < 0.1
+    plain, scaled = World(config).sense(), World(config._replace(sensors=sensors._replace(fix_covariance_scale=10.0)))
+    fix = scaled.sense().fixes[0]
+    np.testing.assert_allclose(fix.R, 10.0 * plain.fixes[0].R)
+    assert fix.pose == plain.fixes[0].pose
 
 
 def test_changed_noise_applies_from_the_next_step_on():

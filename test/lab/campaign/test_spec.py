@@ -9,7 +9,7 @@ import yaml
 
 from diffbot_control.law import PRESETS
 from diffbot_lab.campaign.spec import make_campaign, read_campaign
-from diffbot_sim.robot_step import EKF_CODE
+from diffbot_sim.robot_step import FEEDBACKS
 from diffbot_tools import cli
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -24,7 +24,7 @@ def test_the_example_is_expanded_into_cells():
     assert [(one.gains.k, one.eps_P) for one in controllers] == points
     assert {one.eps_P_leave for one in controllers} == {0.6}
     case = campaign.cells[0].case
-    assert (case.steps, case.feedback, case.xy_tolerance, case.yaw_tolerance) == (400, EKF_CODE, 0.4, 0.1)
+    assert (case.steps, case.feedback, case.xy_tolerance, case.yaw_tolerance) == (400, FEEDBACKS.index("ekf"), 0.4, 0.1)
 
 
 def test_starts_from_box_list_and_circle():
