@@ -60,8 +60,6 @@ estimation error squared (NEES) of the pose; normalised innovation squared (NIS)
 the step, nan without a fix."""
 _FIXES = 0
 """Row of the fixes in ``Filter.last``."""
-_SIZE = 3
-"""Number of elements of a pose and of a fix."""
 _CHUNK = 16
 """Runs in one call of the kernel."""
 _COLOURS = {EKF: "#999999", CALIBRATING: "#0072B2", FNN: "#E69F00", FNN_CALIBRATING: "#009E73"}
@@ -291,7 +289,7 @@ def _pooled(errors: Array) -> dict[str, float]:
 
 def _chi_square_bound(share: float, samples: float) -> float:
     """Return a quantile of the mean of ``samples`` chi-square variables with three degrees of freedom."""
-    return float(chdtri(_SIZE * samples, 1.0 - share) / samples)
+    return float(chdtri(3.0 * samples, 1.0 - share) / samples)
 
 
 def run_benchmark(runs: int, seed: int) -> dict[str, Any]:

@@ -146,7 +146,7 @@ def _cells(options: CampaignOptions, fixed: Mapping[str, Any], grid: Mapping[str
     for part, given in (("set", fixed), ("grid", grid)):
         for name, value in given.items():
             if name in ignored:
-                raise InvalidValueError(f"{part}.{name}", value, sentence=f"it acts only with {ignored[name]}")
+                raise InvalidValueError(f"{part}.{name}", value, sentence=f"it has an effect only with {ignored[name]}")
     return cells
 
 

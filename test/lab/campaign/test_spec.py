@@ -80,7 +80,10 @@ REFUSED = {
     "circle of nan headings": ("start: {circle: {radius: 1, headings: [.nan]}}", "start.circle.headings = [nan]"),
     "of another law": ("set: {h: 0.2}", "h = 0.2"),
     "of another law in a cell": ("set: {sigma_known: 0.1}\ngrid: {preset: [tuned, paper]}", "sigma_known = 0.1"),
-    "of the filter, without a filter": ("feedback: raw\nset: {gate_probability: 0.9}", "acts only with feedback: ekf"),
+    "of the filter, without a filter": (
+        "feedback: raw\nset: {gate_probability: 0.9}",
+        "has an effect only with feedback: ekf",
+    ),
     "not a mapping": ("- 1\n- 2", "must be a mapping of keys, found list"),
     "fixes for the true pose": ("feedback: truth\nset: {fix_rate: 1.0}", "feedback: ekf or raw"),
 }
