@@ -8,11 +8,8 @@ from collections.abc import Iterable
 def markdown_table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> list[str]:
     """Return the lines of a Markdown table."""
     titles = list(head)
-    return [_line(titles), "|---" * len(titles) + "|", *map(_line, rows)]
-
-
-def _line(cells: Iterable[str]) -> str:
-    return f"| {' | '.join(cells)} |"
+    first, *others = [f"| {' | '.join(cells)} |" for cells in (titles, *rows)]
+    return [first, "|---" * len(titles) + "|", *others]
 
 
 def number(value: float | None, digits: int = 3) -> str:

@@ -86,8 +86,8 @@ _kernels_lock = Lock()
 def _kernel(law: type[Law], feedback: int, example: tuple[Any, ...]) -> Any:
     """Return the kernel of a law and a feedback, compiled for the types of ``example``.
 
-    ``example`` are arguments with no runs. If numba cannot compile the kernel, log the reason once and return the plain
-    Python function.
+    ``example`` contains arguments for zero runs. If numba cannot compile the kernel, log the reason once and return the
+    plain Python function.
     """
     with _kernels_lock:
         kernel = _kernels.get((law, feedback))
@@ -96,7 +96,7 @@ def _kernel(law: type[Law], feedback: int, example: tuple[Any, ...]) -> Any:
         if hasattr(kernel, "py_func") and tuple(map(kernel.typeof_pyval, example)) not in kernel.overloads:
             try:
                 with one_compiler(law_version(law)):
-                    kernel(*example)  # compiles; there are no runs
+                    kernel(*example)  # compiles the kernel, which then simulates zero runs
             except Exception as error:  # numba's errors have no common base class
                 kernel, reason = kernel.py_func, _first_line(error)
                 _log.warning("law %s runs as plain Python, since numba cannot compile it: %s", law.name, reason)
@@ -158,7 +158,7 @@ def run_histories(
 def _simulate(
     law: type[Law], case: Case, starts: Starts, seed: int, runs: range, threads: int | None, *, with_histories: bool
 ) -> tuple[Array, Array]:
-    """Return outcomes and histories. Without histories, each history has no rows."""
+    """Return outcomes and histories. The histories are empty without ``with_histories``."""
     check_case(case, starts)
     outcomes: Array = np.empty((len(runs), len(COLUMNS)))
     histories: Array = np.empty((len(runs), case.steps + 1 if with_histories else 0, len(HISTORY_COLUMNS)))

@@ -95,7 +95,7 @@ class RunBuffers(NamedTuple):
     memory: Any
     """(n, m) for each of these steps: memory of the filter before the odometry step that ends there"""
     stamps: Any
-    """(2,) indices _ORIGIN and _FIRST_END"""
+    """(2,) stamps at the indices _ORIGIN and _FIRST_END"""
     filter: Filter
 
 

@@ -16,7 +16,7 @@ from diffbot_core.kinematics import Twist
 SETTLED_POLLS = 10
 """Polls in a row that must find the same connections: DDS reports a connection to its two ends at different times."""
 STALLED_CHECKS = 5
-"""Checks in a row without an answer after which the robot moves on. Then it moves at each check until an answer."""
+"""Checks in a row without an answer before the robot moves on. Until the next answer, it then moves at each check."""
 MAX_STEPS_WITHOUT_FIX = 1000
 """Steps after which the robot no longer waits for its first fix."""
 _STEPS_PER_POLL = 5
@@ -57,7 +57,7 @@ class Plant(Protocol):
 
 
 class LockStep:
-    """The protocol. A command and two timers call it."""
+    """State of the protocol. Commands and two timers call its methods."""
 
     def __init__(self, plant: Plant, *, paused: bool = False) -> None:
         """Wait for a filter. A timer has to call :meth:`on_poll` from now on."""
