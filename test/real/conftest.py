@@ -1,4 +1,4 @@
-"""The room of what needs more of ROS 2 than the wheels: an overlay (docs/how-to/real-ros.md) or a full installation."""
+"""The room of what needs more of ROS 2 than the wheels: an overlay (docs/how-to/install-on-ros.md) or a full installation."""
 
 import json
 from pathlib import Path
