@@ -75,9 +75,9 @@ class Consistency(NamedTuple):
 
 
 def poses_at(stamps: NDArray[np.int64], trajectory: Trajectory) -> Array:
-    """Return the poses (n, 3) of a trajectory at these times [ns], by linear interpolation.
+    """Return the poses (n, 3) of a trajectory at ``stamps`` [ns], by linear interpolation.
 
-    The poses are nan before and after the trajectory, and in gaps longer than MAX_GAP.
+    A pose is nan before and after the trajectory, and in a gap longer than MAX_GAP.
     """
     times, poses = trajectory
     found = np.full((len(stamps), 3), np.nan)
