@@ -51,7 +51,7 @@ def _add_check(verbs: Any) -> None:
     check = verbs.add_parser(
         "check",
         help="check a bag against a contract: topics, rates, gaps ...",
-        epilog="exit status: 0 if all rules hold, 1 if a rule does not hold, 2 if the bag or the contract cannot be read",
+        epilog="exit status: 0 if all rules hold, 1 if not, 2 if the bag or the contract cannot be read",
     )
     check.add_argument("bag", type=Path, help=_BAG)
     check.add_argument(
