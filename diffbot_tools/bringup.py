@@ -125,7 +125,7 @@ def parse(arguments: Sequence[Argument], texts: Mapping[str, str]) -> dict[str, 
         else:
             values[one.name] = text
     if values["composed"] and not values["localization"]:
-        raise InvalidValueError("composed", True, "false with localization:=false, since no ekf runs in the process")
+        raise InvalidValueError("composed", True, "false with localization:=false, since robot_node runs the ekf")
     return values
 
 
@@ -188,7 +188,7 @@ def _parameters(values: Mapping[str, Any], *, simulate: bool) -> dict[str, dict[
 
 
 def _is_for(sections: Sequence[Section], process: str) -> bool:
-    """True if a parameter file has a section for a node of a process, or a misspelt one, which the node reports."""
+    """True if a section is for a node of a process. A misspelt name counts, so that the node gets and reports it."""
     names = _MEMBERS.get(process, (process,))
     return any(one.node in (name, *WILDCARDS) or one.is_nearly_for(name) for one in sections for name in names)
 
@@ -243,7 +243,7 @@ def check_data_sheet(file: Path) -> None:
 
 
 def check_limits(nodes: Collection[str], ros_arguments: Sequence[str]) -> None:
-    """Refuse a controller without the limits of its robot, which would use the limits of the paper's robot.
+    """Refuse a controller without the limits of its robot: it would use the limits of the paper's robot.
 
     A controller that drives a plant with the same data sheet is not refused. Without any parameter file, only a warning
     is printed.

@@ -128,12 +128,14 @@ def errors_at(stamps: NDArray[np.int64], poses: Array, P: Array, truth: Trajecto
         truth: at least two true poses.
 
     Raises:
-        DiffbotError: if all estimates are outside the time of the true poses.
+        DiffbotError: if no estimate has a stamp with a true pose.
     """
     expected = poses_at(stamps, truth)
     use = np.isfinite(expected[:, :2]).all(axis=1)
     if not use.any():
-        raise DiffbotError("all estimates are outside the time of the true poses")
+        raise DiffbotError(
+            f"no estimate has a stamp between two true poses that are at most {MAX_GAP * S_PER_NS:g} s apart"
+        )
     error = poses[use] - expected[use]
     error[:, 2] -= TWO_PI * np.round(error[:, 2] / TWO_PI)
     return Errors((stamps[use] - stamps[0]) * S_PER_NS, expected[use], error, P[use])

@@ -135,7 +135,7 @@ def trial_drives(robot: RobotConfig) -> Iterator[tuple[str, Drive]]:
 
 
 def wider_tolerances(robot: RobotConfig, uncertainty: Uncertainty) -> str:
-    """Return a text with the smallest of the tried tolerances with which all trial drives reach their goals."""
+    """Return a text with the smallest tried tolerances at which every trial drive reaches its goal."""
     given = robot.tolerance.xy_goal_tolerance, robot.tolerance.yaw_goal_tolerance
     names = "xy_goal_tolerance", "yaw_goal_tolerance"
     smallest = smallest_tolerance(robot.tolerance, uncertainty)

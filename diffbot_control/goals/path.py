@@ -100,7 +100,9 @@ def with_headings(poses: list[Pose], are_default: bool) -> list[Pose]:
     if all(one <= _CONTRADICTION for one in differences) or (is_backwards and not are_default):
         return poses
     followed = [
-        one._replace(theta=float(angle)) if math.isfinite(angle) and abs(wrap_angle(one.theta - common)) <= _SAME else one
+        one._replace(theta=float(angle))
+        if math.isfinite(angle) and abs(wrap_angle(one.theta - common)) <= _SAME
+        else one
         for one, angle in zip(poses, found, strict=False)
     ]
     return [*followed, poses[-1]]

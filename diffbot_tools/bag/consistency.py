@@ -18,7 +18,7 @@ _WINDOW = 50
 
 
 def nis_shares(reader: BagReader) -> dict[str, float | None]:
-    """Return the share for each topic whose type may contain a NIS, by topic; None if the topic has no NIS.
+    """Return the share for each topic whose type can contain a NIS; None for a topic without NIS.
 
     Raises:
         DiffbotError: if a message cannot be decoded, or a file is damaged.

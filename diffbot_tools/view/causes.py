@@ -55,7 +55,7 @@ def causes(
 
 
 def _wheel(part: Mapping[str, Columns], side: str, offset: float, late: float) -> list[tuple[int, str]]:
-    """Return lines if the wheel ``offset`` [m] to the right slipped, or stood still after ``late`` [s]."""
+    """Return lines if a wheel, ``offset`` [m] to the right of the middle, slipped or stood still after ``late`` [s]."""
     rims = {
         role: (columns["t"], np.abs(columns["v"] + offset * columns["omega"]))
         for role in ("command", "odometry", "truth")

@@ -330,7 +330,7 @@ class RobotModel:
         self._put_goals()
 
     def _put_goals(self) -> None:
-        """Pass the newest goals in the map to the sink, without goals of a run before the time jumped back."""
+        """Pass the newest goals in the map to the sink, without goals from before a jump back in time."""
         rows = [
             [one.time, *one.pose, None if math.isnan(one.ended) else one.ended]
             for one in self.goals.goals[-SHOWN_GOALS:]

@@ -226,7 +226,7 @@ def csv_text(robot: BagRobot) -> str:
 
 
 def tum_text(path: Columns, origin: int) -> str:
-    """Return lines ``stamp x y z qx qy qz qw`` with stamps [s]; ``origin`` is the stamp of t = 0 [ns]."""
+    """Return a path in TUM format, lines ``stamp x y z qx qy qz qw``; ``origin`` is the stamp of t = 0 [ns]."""
     lines = []
     for t, x, y, theta in zip(*(path[name].tolist() for name in ("t", "x", "y", "theta")), strict=True):
         seconds, nanoseconds = divmod(origin + round(t * 1e9), 10**9)

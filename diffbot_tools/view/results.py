@@ -168,7 +168,7 @@ def cards_of(
 
 
 def _with_following(outcomes: Sequence[GoalOutcome]) -> list[tuple[GoalOutcome, float]]:
-    """Return each goal with the time [s] at which the next goal was accepted; infinite for the last goal."""
+    """Return each goal with the time [s] at which the next goal was accepted, which is infinite for the last goal."""
     times = [one.accepted for one in outcomes] + [math.inf]
     return list(zip(outcomes, times[1:], strict=True))
 

@@ -125,7 +125,7 @@ class PageServer:
         """Prepare the server, which does not listen yet.
 
         Args:
-            state: state of the robots, which the browsers show.
+            state: state of the robots.
             constants: tolerances and limits until those of the robot are known, see constants.py.
             on_request: called in the server's thread with each valid request; must return at once.
             on_error: called in the server's thread with each unexpected exception; the server continues.

@@ -143,7 +143,7 @@ class _Recorder:
         """Start the process.
 
         Raises:
-            OSError: if it cannot be started.
+            OSError: if the process cannot be started.
         """
         self.bag = bag
         self._process = subprocess.Popen(
