@@ -42,7 +42,7 @@ _LAST_STAMP = 2.0**31
 _STATE_PERIOD = 0.5
 """[s] Shortest time between two updates of the state line for new distances."""
 _MAX_DELAY = 60.0
-"""[s] Largest delay of a recorder. If a result is older by its stamp, the stamp is of another clock."""
+"""[s] Largest delay of a recorder. A stamp that differs more from the time of reception is of another clock."""
 _MAX_WAITING = 100
 """Number of fixes, clouds and detections that wait for the pose at their stamp."""
 _MAX_HELD = 2000

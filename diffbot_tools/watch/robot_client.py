@@ -121,7 +121,7 @@ class RobotClient:
             self._client.close()
 
     def _follow(self, goal_reply: Reply | None) -> Reply | None:
-        """If the goal under way has ended, report its end; without a goal, update the info."""
+        """If the goal under way has ended, report its end; without a goal, update services and parameters."""
         if goal_reply is None:
             self._update_info()
             return None

@@ -274,8 +274,8 @@ function drawLandmarks(context, view, robot, time, colours) {
 }
 
 /**
- * Draw the dock as model.py describes it: the axis up to the staging pose, the corridor of the approach, a bar in front of the docked
- * robot, and the newest detections. Without a `pose`, only the detections are drawn.
+ * Draw the dock as model.py describes it: the axis up to the staging pose, the corridor of the approach, a bar in front of
+ * the docked robot, and the newest detections. Without a `pose`, only the detections are drawn.
  */
 function drawDock(context, view, dock, wheels, colours) {
   context.lineWidth = 1.5;
