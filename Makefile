@@ -65,9 +65,9 @@ test-fast: setup
 slow: setup programs
 	@$(BIN)/pytest -m slow $(ARGS)
 
-# The tests of nodes, in the environment of `make setup` and an overlay on it: docs/how-to/real-ros.md.
+# The tests of nodes, in the environment of `make setup` and an overlay on it: docs/how-to/install-on-ros.md.
 real: setup
-	@test -n "$(OVERLAY)" || { echo "make real OVERLAY=<folder of installed ROS packages>: docs/how-to/real-ros.md" >&2; exit 1; }
+	@test -n "$(OVERLAY)" || { echo "make real OVERLAY=<folder of installed ROS packages>: docs/how-to/install-on-ros.md" >&2; exit 1; }
 	@test/real/overlay.sh $(VENV) $(OVERLAY) pytest -n 2 --dist loadfile -m 'graph and not install and not slow' $(ARGS)
 
 lint: setup

@@ -1,28 +1,26 @@
-"""Throughput of the compiled closed loop, beside plain Python, a kernel written by hand, and one thread.
+"""Throughput of the compiled closed loop, compared with plain Python and with one thread.
 
-Simulation A of the paper without ROS, 300 steps a run. What runs in one thread is measured in CPU time.
+The runs are simulation A of the paper, 300 steps each. Measurements in one thread use CPU time.
 """
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable
 from typing import Any
 
 import gymnasium
 import numpy as np
-from numba import njit
 from rounds import Table, is_quick
 from tqdm import tqdm
 
-from diffbot_control.law.switching import SwitchingLaw
+from diffbot_control.law.paper import PaperLaw
 from diffbot_core.geometry import Pose
 from diffbot_lab.gym import GOAL
 from diffbot_lab.paper.experiment import SETTINGS, case_of, starts_of
 from diffbot_sim.batch import run_batch
-from diffbot_sim.fusion import new_recent
-from diffbot_sim.noise import FIX, MOTION, NoiseSource
+from diffbot_sim.fusion import new_buffers
+from diffbot_sim.noise import NoiseSource
 from diffbot_sim.robot_step import HISTORY_COLUMNS, make_loop
 from diffbot_sim.sensors import purposes_of
 
@@ -35,107 +33,40 @@ ENVIRONMENTS = 1024
 ENVS = gymnasium.make(GOAL), gymnasium.make_vec(GOAL, ENVIRONMENTS)
 
 
-@njit(nogil=True, error_model="numpy", cache=True)
-def _wrap(angle):
-    if -math.pi < angle <= math.pi:
-        return angle
-    angle = angle % (2.0 * math.pi)
-    return angle - 2.0 * math.pi if angle > math.pi else angle
-
-
-@njit(nogil=True, error_model="numpy", cache=True)
-def _drive_one(start, noise, steps, row):
-    gamma, k, h, k_2, t_s, radius = 1.3, 1.0, 0.17, 2.7, 0.1, 0.5
-    x, y, theta = start[0], start[1], start[2]
-    last_outside, path, effort, local_time, switches, region = -1, 0.0, 0.0, math.nan, 0, 0
-    turning = 0.0
-    seen_x = seen_y = 0.0
-    for step in range(steps + 1):
-        seen_x = x + 0.3 * (2.0 * noise[FIX, step, 0] - 1.0)
-        seen_y = y + 0.3 * (2.0 * noise[FIX, step, 1] - 1.0)
-        seen_theta = _wrap(theta + 0.17 * (2.0 * noise[FIX, step, 2] - 1.0))
-        rho = math.hypot(seen_x, seen_y)
-        beta = math.atan2(0.0 - seen_y, 0.0 - seen_x)
-        alpha = _wrap(beta - seen_theta)
-        near = 1 if (rho <= radius if region == 1 else rho < radius) else 0
-        switches += near != region
-        region = near
-        cosine, tangent = math.cos(alpha), math.tanh(rho)
-        v = gamma * tangent * cosine
-        if region == 1:
-            omega = -k_2 * seen_theta
-        else:
-            sinc = math.sin(alpha) / alpha if abs(alpha) >= 1e-4 else 1.0 - alpha * alpha / 6.0
-            slope = tangent / rho if rho >= 1e-4 else 1.0 - rho * rho / 3.0
-            omega = k * alpha + gamma * sinc * slope * cosine * (alpha + h * beta)
-        if math.hypot(x, y) > 0.4 or abs(theta) > 0.1:
-            last_outside = step
-        if region == 1 and math.isnan(local_time):
-            local_time = step * t_s
-        if step < steps:
-            effort += (v * v + omega * omega) * t_s
-            forward = t_s * (v + 0.065 * (2.0 * noise[MOTION, step, 0] - 1.0))
-            dx, dy = forward * math.cos(theta), forward * math.sin(theta)
-            turned = _wrap(theta + t_s * (omega + 0.2167 * (2.0 * noise[MOTION, step, 1] - 1.0)))
-            turning += abs(_wrap(turned - theta)) if math.hypot(x, y) <= 1.0 else 0.0
-            x, y, theta = x + dx, y + dy, turned
-            path += math.hypot(dx, dy)
-    row[0], row[1], row[2] = x, y, theta
-    row[3] = (last_outside + 1) * t_s if last_outside < steps else math.nan
-    row[4], row[5], row[6], row[7] = path, effort, switches, local_time
-    row[8], row[9] = math.hypot(seen_x - x, seen_y - y), turning
-
-
-def drive_by_hand(runs: int) -> Any:
-    """Drive simulation A under law (17) with the paper's noise, by a kernel written by hand for this one case.
-
-    Returns:
-        (runs, 10) columns of Outcome up to ``turning``; the kernel leaves out the two columns on reaching the goal.
-    """
-    source, noise, outcomes = NoiseSource(), np.empty((FIX + 1, STEPS + 1, 4)), np.empty((runs, 10))
-    for run, row in enumerate(outcomes):
-        source.rows(1, run, 0, noise, (MOTION, FIX))
-        _drive_one(START.poses[0], noise, STEPS, row)
-    return outcomes
-
-
 def rate(runs: int, call: Callable[[], Any], clock: Callable[[], float] = time.perf_counter) -> float:
-    """Return the million steps per second of a call that makes this many runs."""
+    """Return the throughput of a call that simulates ``runs`` runs, in million steps per second."""
     begin = clock()
     call()
     return 1e-6 * runs * STEPS / (clock() - begin)
 
 
+def simulate(case: Any, runs: int, threads: int | None = None) -> None:
+    """Simulate runs of a case by the compiled loop."""
+    run_batch(case, START, 1, 0, runs, threads, PaperLaw)
+
+
 def measure_round(table: Table, runs: int) -> None:
-    """Measure each once, both sides right after each other."""
-    run_loop, recent = make_loop(SwitchingLaw, CASE.feedback), new_recent(CASE.robot)
+    """Measure each throughput once, and its reference directly afterwards."""
+    run_loop, buffers = make_loop(PaperLaw, CASE.feedback), new_buffers(CASE.robot)
     noise = NoiseSource().run(1, 0, STEPS + 1, purposes_of(CASE.robot.sensors, 0, 0.0))
     nothing, cpu = np.empty((0, len(HISTORY_COLUMNS))), time.process_time
     table.add(
-        "all threads, beside the same loop as plain Python [M steps/s]",
-        rate(runs, lambda: run_batch(CASE, START, 1, 0, runs)),
-        rate(1, lambda: run_loop(CASE, recent, noise, Pose(*START.poses[0]), nothing)),
+        "all threads, reference: the same loop as plain Python [M steps/s]",
+        rate(runs, lambda: simulate(CASE, runs)),
+        rate(1, lambda: run_loop(CASE, buffers, noise, Pose(*START.poses[0]), nothing)),
     )
+    two, one = (rate(runs, lambda n=n: simulate(CASE, runs, n)) for n in (2, 1))
+    table.add("two threads, reference: one [M steps/s]", two, one)
+    table.add("all threads, with the filter in the loop [M steps/s]", rate(runs, lambda: simulate(FILTERED, runs)))
     table.add(
-        "one thread, beside a kernel written by hand for this case [M steps/s]",
-        rate(runs, lambda: run_batch(CASE, START, 1, 0, runs, threads=1), cpu),
-        rate(runs, lambda: drive_by_hand(runs), cpu),
-    )
-    two, one = (rate(runs, lambda n=n: run_batch(CASE, START, 1, 0, runs, threads=n)) for n in (2, 1))
-    table.add("two threads, beside one [M steps/s]", two, one)
-    table.add(
-        "all threads, with the filter in the loop [M steps/s]",
-        rate(runs, lambda: run_batch(FILTERED, START, 1, 0, runs)),
-    )
-    table.add(
-        "one thread, 1024 environments for learning, beside a single one [M steps/s]",
+        "one thread, 1024 environments for learning, reference: a single one [M steps/s]",
         rate(ENVIRONMENTS, lambda: play(1), cpu),
         rate(1, lambda: play(0), cpu),
     )
 
 
 def play(which: int) -> None:
-    """Let a single environment (0) or all of them (1) act at random for STEPS steps."""
+    """Run a single environment (0) or all environments (1) with random actions for STEPS steps."""
     generator, env = np.random.default_rng(1), ENVS[which]
     env.reset(seed=1)
     for _ in range(STEPS):
@@ -143,10 +74,10 @@ def play(which: int) -> None:
 
 
 def main() -> None:
-    """Compile, compare the results of both kernels, measure, and print the table."""
+    """Compile, measure, and print the table."""
     quick, table = is_quick(__doc__.splitlines()[0]), Table()
-    run_batch(FILTERED, START, 1, 0, 2)
-    np.testing.assert_allclose(drive_by_hand(20), run_batch(CASE, START, 1, 0, 20)[:, :10], rtol=1e-9, atol=1e-9)
+    simulate(CASE, 2)
+    simulate(FILTERED, 2)
     for _ in tqdm(range(1 if quick else ROUNDS), "batch", unit=" rounds", leave=False, disable=None):
         measure_round(table, 100 if quick else RUNS)
     table.show()

@@ -1,16 +1,17 @@
 """Child process of latency.py: ``python bench/chain.py SCENARIO SIDE NODES SECONDS``.
 
 NODES is a comma-separated part of ``source,filter,control``. In the scenario ``clocked`` the source sends odometry at
-50 Hz and fixes at 10 Hz, and times the commands that come back. In ``lockstep`` it is a plant that takes its next step
-when the command of the present one has come. The side ``ours`` runs EkfNode, ControllerNode and PlantNode, ``robot``
-the filter and controller of robot_node, ``bare`` relays that compute nothing.
+50 Hz and fixes at 10 Hz, and measures the time until it receives the command. In ``lockstep`` the source is a plant
+that makes its next step when it receives the command for the present step. The side ``ours`` runs EkfNode,
+ControllerNode and PlantNode. ``robot`` runs the filter and the controller of robot_node. ``bare`` runs relays that
+compute nothing.
 
-The process of the source prints two JSON lines: one when the chain has warmed up, one with what it measured. The other
-processes run until SIGINT. Filter and controller in a process without the source then print the time [ms] from each
-callback of the odometry to the return of the publication of its command.
+The process of the source prints two JSON lines, one when the chain has warmed up and one with the measurement. The
+other processes run until SIGINT. If filter and controller share a process without the source, this process then prints
+the times [ms] from each callback for odometry until its command is published.
 """
 
-# The nodes of this project are imported where they are made: relays and drivers need not wait for their libraries.
+# The nodes of this project are imported where they are created, so that relays and drivers start quickly.
 
 from __future__ import annotations
 
@@ -46,30 +47,30 @@ from diffbot_core.kinematics import Twist, WheelGeometry, encoder_covariance, wh
 from diffbot_core.ros.run import SPIN_TIMEOUT, make_executor, run
 
 GOAL = Pose(1e5, 0.0, 0.0)
-"""Far enough that the controller drives all the time."""
+"""Goal that the robot does not reach during the measurement."""
 RATE, FIX_EVERY = 50.0, 5
 """[Hz] of the odometry, and steps per fix."""
 DRIVEN = Twist(0.5, 0.1)
-"""[m/s], [rad/s] that the clocked source claims to drive: a circle."""
+"""[m/s], [rad/s] twist of the clocked source, which drives a circle."""
 FIX_R = np.diag([0.03, 0.03, 0.0096])
 """Covariance of a fix, uniform within the paper's bounds of 0.3 m, 0.3 m and 0.17 rad."""
 _STEADY = 15
-"""Steps answered in time, one after the other, that end the warm-up at 50 Hz."""
-_PATIENCE = 0.5
-"""[s] without an answer after which it counts as lost."""
+"""Steps in a row that are answered in time, after which the warm-up at 50 Hz ends."""
+_ANSWER_TIMEOUT = 0.5
+"""[s] after which an answer counts as lost."""
 _WARM_UP = 0.3
-"""[s] of lock-step before the measurement."""
-_LIFE = 120
-"""[s] that a process may live beyond its measurement."""
+"""[s] length of the warm-up in lock-step."""
+_MAX_LIFE = 120
+"""[s] after which a process ends itself, in addition to the time of the measurement."""
 
 
 def report(**values: Any) -> None:
-    """Print one line for the parent."""
+    """Print a line for latency.py."""
     print(json.dumps(values), flush=True)
 
 
 class OdometryRelay(Node):
-    """Odometry -> Odometry: publishes the received message."""
+    """Odometry -> Odometry: publishes each received message."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__("relay_odometry", **options)
@@ -78,7 +79,7 @@ class OdometryRelay(Node):
 
 
 class TwistRelay(Node):
-    """Odometry -> Twist: publishes the same message object again and again."""
+    """Odometry -> Twist: publishes the same message object each time."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__("relay_twist", **options)
@@ -92,11 +93,11 @@ class TwistRelay(Node):
 
 
 class ClockedSource(Node):
-    """Sends odometry and fixes by a timer, and measures the time until the command is back here.
+    """Sends odometry and fixes by a timer, and measures the time until the command arrives.
 
-    A latency runs from the timer's callback, before its messages are filled, to the callback of the command, on the
-    monotonic clock. Commands carry no stamp. They come in the order of the odometry, and if as many came as were sent,
-    each latency is that of its own step.
+    A latency is the time from the timer's callback, before it fills its messages, to the callback for the command.
+    Commands have no stamp, but they arrive in the order of the odometry. If no message is lost, the n-th command
+    answers the n-th odometry.
     """
 
     def __init__(self, seconds: float) -> None:
@@ -123,8 +124,8 @@ class ClockedSource(Node):
     def on_tick(self) -> None:
         now = time.monotonic_ns()
         if self.measuring and self.steps_left == 0:
-            # Before the first answer nothing counts as lost, since the chain may be held up.
-            if not self.waiting or (self.latencies and now - self.waiting[-1] > _PATIENCE * 1e9):
+            # Before the first answer nothing counts as lost, since the chain may start slowly.
+            if not self.waiting or (self.latencies and now - self.waiting[-1] > _ANSWER_TIMEOUT * 1e9):
                 self.done = True
                 report(latencies=self.latencies, lost=len(self.waiting), unasked=self.unasked)
             return
@@ -135,7 +136,7 @@ class ClockedSource(Node):
         self.send(time.time_ns())
 
     def warm_up(self) -> None:
-        """Send goals until commands come; begin when the chain has answered for a while without delay."""
+        """Send goals until commands arrive. Start to measure after _STEADY steps that were answered in time."""
         self.steady = 0 if self.waiting or not self.goal_received else self.steady + 1
         self.waiting.clear()
         if not self.goal_received and self.step % FIX_EVERY == 0 and self.goals.get_subscription_count():
@@ -146,7 +147,7 @@ class ClockedSource(Node):
             report(event="begin")
 
     def send(self, stamp: int) -> None:
-        """Send the fix, if one is due, and the odometry, as the plant does."""
+        """Send the fix, if it is due, and the odometry."""
         theta, radius = DRIVEN.omega * self.step / RATE, DRIVEN.v / DRIVEN.omega
         pose = Pose(radius * math.sin(theta), radius * (1.0 - math.cos(theta)), theta)
         if self.step % FIX_EVERY == 0:
@@ -170,7 +171,7 @@ class ClockedSource(Node):
 
 
 class BarePlant(Node):
-    """Lock-step without a plant: sends the next number when the present one has come back; sends a lost one again."""
+    """Lock-step without a plant: sends the next number when the present one returns, and sends a lost number again."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__("source", **options)
@@ -178,7 +179,7 @@ class BarePlant(Node):
         self.odometry = odometry_message("odom", "base_link")
         self.odometries = self.create_publisher(Odometry, "odom", 10)
         self.create_subscription(TwistMessage, "cmd_vel", self.on_command, 1)
-        self.create_timer(_PATIENCE, self.on_watch)
+        self.create_timer(_ANSWER_TIMEOUT, self.on_watch)
 
     def on_command(self, message: TwistMessage) -> None:
         if message.linear.x == self.step:
@@ -186,7 +187,7 @@ class BarePlant(Node):
             self.send()
 
     def on_watch(self) -> None:
-        if time.monotonic() - self.sent > _PATIENCE:
+        if time.monotonic() - self.sent > _ANSWER_TIMEOUT:
             self.send()
 
     def send(self) -> None:
@@ -196,12 +197,12 @@ class BarePlant(Node):
 
 
 def make_node(name: str, scenario: str, side: str, seconds: float) -> Any:
-    """Create one of the nodes of a chain with its default options."""
+    """Create a node of a chain."""
     is_lockstep = scenario == "lockstep"
     if name == "source" and not is_lockstep:
         return ClockedSource(seconds)
     if side == "bare":
-        # In lock-step the chain to beat has neither parameter services nor rosout; at 50 Hz it is as rclpy makes it.
+        # In lock-step the reference has neither parameter services nor rosout. At 50 Hz it has rclpy's defaults.
         lean = {"start_parameter_services": False, "enable_rosout": False} if is_lockstep else {}
         return {"source": BarePlant, "filter": OdometryRelay, "control": TwistRelay}[name](**lean)
     from diffbot_control.controller_node import ControllerNode
@@ -214,19 +215,19 @@ def make_node(name: str, scenario: str, side: str, seconds: float) -> Any:
     overrides = [Parameter("reliable_inputs", value=is_lockstep)]
     if name == "filter":
         return EkfNode(parameter_overrides=overrides)
-    # In lock-step it answers from the first pose on, with or without a goal.
+    # In lock-step the controller has to answer each pose, also without a goal.
     idle = [Parameter("publish_when_idle", value=True), *stamped] if is_lockstep else []
     return ControllerNode(parameter_overrides=[*idle, *overrides])
 
 
 def spin_once(executor: Any) -> None:
-    """Spin without a timeout where that works, as ``spin`` does, see make_executor."""
+    """Spin once, with a timeout only where the executor needs it, see make_executor."""
     executor.spin_once(timeout_sec=None if type(executor) is SingleThreadedExecutor else SPIN_TIMEOUT)
 
 
 def measure(scenario: str, side: str, nodes: list[Any], seconds: float) -> None:
-    """Spin until the source, the first of the nodes, has measured."""
-    # Alone in its process, the clocked source is the driver of both sides, with the same executor.
+    """Spin until the source, which is the first node, has measured."""
+    # A clocked source alone in its process has the same executor on both sides.
     is_driver = scenario == "clocked" and len(nodes) == 1
     executor = SingleThreadedExecutor() if side == "bare" and not is_driver else make_executor()
     for node in nodes:
@@ -237,7 +238,7 @@ def measure(scenario: str, side: str, nodes: list[Any], seconds: float) -> None:
             spin_once(executor)
         return
     if side != "bare":
-        # The plant starts by itself when the graph is complete.
+        # The plant starts when the graph is complete.
         goals = source.create_publisher(PoseStamped, "goal_pose", 10)
         while not goals.get_subscription_count():
             executor.spin_once(timeout_sec=SPIN_TIMEOUT)
@@ -246,21 +247,21 @@ def measure(scenario: str, side: str, nodes: list[Any], seconds: float) -> None:
 
 
 def measure_rate(step: Callable[[], int], executor: Any, seconds: float) -> None:
-    """Report the steps per second of a lock-step plant; the first moments do not count."""
+    """Report the steps per second of a lock-step plant after its warm-up."""
     first = 0.0
     while not first or time.monotonic() - first < _WARM_UP:
         spin_once(executor)
         first = first or (step() > 1) * time.monotonic()
     report(event="begin")
     began, first_step = time.monotonic(), step()
-    # Not before a step is made: a chain that was held up would have no rate.
+    # At least one step, since a chain that is held up would have no rate.
     while time.monotonic() - began < seconds or step() == first_step:
         spin_once(executor)
     report(rate=(step() - first_step) / (time.monotonic() - began))
 
 
 def run_bare(nodes: list[Any]) -> None:
-    """Run the relays until SIGINT, as their user would: ``spin`` of the default executor."""
+    """Run the relays until SIGINT by ``spin`` of the default executor."""
     try:
         executor = SingleThreadedExecutor()
         for node in nodes:
@@ -271,7 +272,7 @@ def run_bare(nodes: list[Any]) -> None:
 
 
 def watch() -> list[float]:
-    """Time each way [ms] from the callback of the odometry to the return of the publication of its command."""
+    """Return a list that will contain the times [ms] from each callback for odometry until its command is published."""
     from diffbot_control.ekf_node import EkfNode
     from diffbot_control.ros.controller_publishers import CommandOutput
 
@@ -295,8 +296,8 @@ def watch() -> list[float]:
 def main() -> int:
     """Run the nodes named on the command line."""
     scenario, side, names, seconds = sys.argv[1], sys.argv[2], sys.argv[3].split(","), float(sys.argv[4])
-    # Whatever goes wrong, here or in the parent: nothing runs for ever.
-    signal.alarm(math.ceil(seconds) + _LIFE)
+    # The process ends even if its parent was killed.
+    signal.alarm(math.ceil(seconds) + _MAX_LIFE)
     if "source" not in names and side != "bare":
         durations = watch() if len(names) > 1 else []
         if side == "robot":

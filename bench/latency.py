@@ -1,8 +1,8 @@
-"""Latency and CPU time of the nodes at 50 Hz, and steps per second in lock-step, beside relays that compute nothing.
+"""Latency and CPU time of the nodes at 50 Hz, and steps per second in lock-step, compared with relays.
 
-The latency runs from the start of the driver's step to its callback for the command. The reference is two plain rclpy
-relays, Odometry -> Odometry -> Twist. The CPU time of one process includes the driver. Each turn has fresh processes
-(chain.py); the order of the sides changes from round to round.
+The latency is the time from the start of the driver's step to the driver's callback for the command. The reference is
+two rclpy relays that compute nothing, Odometry -> Odometry -> Twist. The CPU time of one process includes the driver.
+Each measurement starts new processes (chain.py). The order of the sides alternates from round to round.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from diffbot_tools.processes import PrivateDomain, graph_environment
 ONE = ("source,filter,control",)
 TWO = ("filter,control", "source")
 THREE = ("filter", "control", "source")
-"""The nodes of each process; the source comes last because it begins to measure."""
+"""The nodes of each process. The source is started last, because it starts the measurement."""
 ROUNDS, SECONDS, LOCKSTEP_SECONDS = 5, 3.0, 1.0
 _ATTEMPTS = 3
 _STOP_TIMEOUT = 5.0
 
 
 def turn(scenario: str, side: str, groups: tuple[str, ...], seconds: float) -> dict[str, Any]:
-    """Run one turn, again if messages were lost; return what the source measured, and ``cpu`` in per cent."""
+    """Measure once, and again if messages were lost; return the report of the source, and ``cpu`` in per cent."""
     for _ in range(_ATTEMPTS):
         result = attempt(scenario, side, groups, seconds)
         if not result.get("lost") and not result.get("unasked"):
@@ -42,7 +42,7 @@ def turn(scenario: str, side: str, groups: tuple[str, ...], seconds: float) -> d
 
 
 def attempt(scenario: str, side: str, groups: tuple[str, ...], seconds: float) -> dict[str, Any]:
-    """Run one turn on the domain of this process."""
+    """Measure once."""
     processes = []
     with tempfile.TemporaryDirectory(prefix="diffbot-bench-") as folder:
         environment = {**os.environ, "ROS_LOG_DIR": folder}
@@ -51,7 +51,7 @@ def attempt(scenario: str, side: str, groups: tuple[str, ...], seconds: float) -
                 command = [str(Path(__file__).with_name("chain.py")), scenario, side, group, str(seconds)]
                 processes.append(start(command, environment, Path(folder, f"{group}.log")))
             source = processes[-1]
-            # The source is a bare driver, not part of what is measured, unless all share one process.
+            # The CPU time of the source does not count, unless all nodes are in one process.
             measured = processes[:-1] or processes
             read(source, Path(folder))
             began, used = time.monotonic(), cpu_seconds(measured)
@@ -67,16 +67,16 @@ def attempt(scenario: str, side: str, groups: tuple[str, ...], seconds: float) -
 
 
 def read(process: subprocess.Popen[str], folder: Path) -> dict[str, Any]:
-    """Return the next JSON line of a process; libraries may print lines of their own."""
+    """Return the next JSON line of a process. Other lines may come from libraries."""
     line = next((line for line in process.stdout or () if line.startswith("{")), "")
     if not line:
         logs = "".join(f"--- {log.name}\n{log.read_text()[-1000:]}" for log in sorted(folder.glob("*.log")))
-        raise SystemExit(f"a process of the chain ended early\n{logs}")
+        raise SystemExit(f"a process of the chain ended before it reported\n{logs}")
     return dict(json.loads(line))
 
 
 def stop(process: subprocess.Popen[str]) -> None:
-    """End a process with SIGINT, or kill it after a while."""
+    """End a process by SIGINT, or kill it after a timeout."""
     if process.poll() is None:
         process.send_signal(signal.SIGINT)
     try:
@@ -108,9 +108,9 @@ def measure_round(table: Table, number: int, seconds: float, lockstep_seconds: f
         found = turns("clocked", ("ours", "bare"), groups, seconds)
         compare(name, found["ours"], found["bare"])
     found = turns("clocked", ("robot", "bare", "ours"), TWO, seconds)
-    compare("robot_node, driver apart", found["robot"], found["bare"])
+    compare("robot_node, driver in another process", found["robot"], found["bare"])
     inside = (statistics.median(found[side]["inside"]) for side in ("robot", "ours"))
-    table.add("robot_node, odometry's callback to cmd_vel sent, beside two nodes [ms]", *inside)
+    table.add("robot_node, odometry's callback to cmd_vel sent, reference: two nodes [ms]", *inside)
     for name, groups in (("one process", ONE), ("three processes", THREE)):
         found = turns("lockstep", ("ours", "bare"), groups, lockstep_seconds)
         table.add(f"lock-step, {name} [steps/s]", found["ours"]["rate"], found["bare"]["rate"])

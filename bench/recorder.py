@@ -1,9 +1,9 @@
-"""The recorder at 8 kHz: CPU time beside a bare raw subscriber, missing messages, and the longest delay.
+"""The recorder at 8 kHz: CPU time compared with a bare subscriber, missing messages, and the longest delay.
 
-First both processes receive the same messages at the same time. The bare one has the same executor and QoS, and a
-callback that only counts. One after the other would compare two loads of the machine, since messages that arrive in a
-burst cost half as much as those that each wake the process. Then the recorder receives the messages alone. Its *delay*
-is the longest time between the reception of a message by DDS and its hand-over to the thread that writes.
+First the recorder and a bare subscriber receive the same messages at the same time. The bare subscriber has the same
+executor and QoS, and its callback only counts. Measuring them one after the other would not be fair: messages that
+arrive in a burst cost half as much CPU time as messages that each wake the process. Then the recorder receives the
+messages alone. The *delay* is the longest time from the reception of a message by DDS until the writing thread gets it.
 """
 
 from __future__ import annotations
@@ -36,18 +36,18 @@ from diffbot_core.ros.run import StopFlag, make_executor
 from diffbot_tools.processes import PrivateDomain, graph_environment
 
 KINDS = (Odometry, Odometry, PoseWithCovarianceStamped, PoseStamped, Twist, TwistStamped, JointState, Imu)
-"""The types of a robot that drives: 300 bytes per message in the mean."""
+"""Types of a driving robot, with 300 bytes per message on average."""
 RATE = 8000.0
-"""[Hz] of all topics together"""
+"""[Hz] total rate of all topics"""
 DEPTH = 10_000
 MAX_BAG_SIZE = 4 * 2**20
-"""[bytes] so that a run has several files"""
+"""[bytes] small enough that a bag has several files"""
 ROUNDS, SECONDS = 3, 8.0
-_PATIENCE = 60.0
+_TIMEOUT = 60.0
 
 
 def run_bare() -> None:
-    """Count the messages until SIGINT: the process beside the recorder."""
+    """Run the bare subscriber until SIGINT."""
     stop = StopFlag()
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node, count = Node("bare"), 0
@@ -81,19 +81,19 @@ class Sender:
         self.node.create_publisher(String, "/bench_latched", LATCHED).publish(String(data="of every file"))
 
     def spin_for(self, seconds: float) -> None:
-        """Handle callbacks for a while."""
+        """Handle callbacks for some seconds."""
         end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0.0:
             self.executor.spin_once(timeout_sec=left)
 
     def send(self, processes: list[Any], seconds: float) -> tuple[int, list[float]]:
-        """Publish the messages; return their number, and the CPU time [s] of each of the processes."""
-        deadline = time.monotonic() + _PATIENCE
+        """Publish the messages; return their number, and the CPU time [s] of each process."""
+        deadline = time.monotonic() + _TIMEOUT
         while any(one.get_subscription_count() < len(processes) for one in self.publishers):
             if time.monotonic() > deadline:
-                raise SystemExit("a subscriber is missing")
+                raise SystemExit(f"not all processes subscribed within {_TIMEOUT:g} s")
             self.spin_for(0.05)
-        self.spin_for(min(2.0, seconds))  # so that discovery and questions for parameters are over
+        self.spin_for(min(2.0, seconds))  # discovery and parameter services cost CPU time, too
         filled = [bytearray(serialize_message(kind())) for kind in KINDS]
         rounds = int(seconds * RATE / len(KINDS))
         before, begin = [cpu_seconds([one]) for one in processes], time.perf_counter()
@@ -103,9 +103,9 @@ class Sender:
                 publisher.publish(bytes(data))
             if (left := begin + (index + 1) * len(KINDS) / RATE - time.perf_counter()) > 0.0:
                 time.sleep(left)
-        # A message that was dropped on its way is sent again, after seconds.
+        # DDS sends a lost message again, which can take seconds.
         for publisher in self.publishers:
-            publisher.wait_for_all_acked(Duration(seconds=_PATIENCE))
+            publisher.wait_for_all_acked(Duration(seconds=_TIMEOUT))
         self.spin_for(0.5)
         used = [cpu_seconds([one]) - first for one, first in zip(processes, before, strict=True)]
         return rounds * len(KINDS), used
@@ -118,7 +118,7 @@ class Sender:
 
 
 def run(folder: Path, seconds: float, *, with_bare: bool) -> tuple[int, list[float], dict[str, float]]:
-    """Record the messages; return their number, the CPU times [s], and what the recorder reports of itself."""
+    """Record the messages; return their number, the CPU times [s], and delay and losses of the recorder."""
     words = {"uri": folder / "bag", "regex": "/bench_.*", "max_bag_size": MAX_BAG_SIZE}
     parameters = [word for name, value in words.items() for word in ("-p", f"{name}:={value}")]
     commands = [["-m", "diffbot_bag.recorder_node", "--ros-args", *parameters]]
@@ -133,16 +133,16 @@ def run(folder: Path, seconds: float, *, with_bare: bool) -> tuple[int, list[flo
         for process in processes:
             process.send_signal(signal.SIGINT)
         for process in processes:
-            process.communicate(timeout=_PATIENCE)
+            process.communicate(timeout=_TIMEOUT)
         sender.close()
     wrong, unlatched = verify(folder / "bag", sent)
     return sent, used, {"delay": 1e3 * float(status["delay"]), "wrong": wrong, "unlatched": unlatched}
 
 
 def verify(folder: Path, sent: int) -> tuple[int, int]:
-    """Return how many messages are missing or twice in the bag, and how many files lack the latched message.
+    """Return the number of messages that are missing or recorded twice, and of files without the latched message.
 
-    Counted by the sequence numbers, as mcap's own reader shows them.
+    The messages are identified by their sequence numbers, which mcap's reader returns.
     """
     numbers, files = defaultdict(list), list(folder.glob("*.mcap"))
     for path in files:
@@ -169,7 +169,9 @@ def main() -> None:
                 os.environ["ROS_LOG_DIR"] = folder
                 sent, used, found = run(Path(folder), 1.0 if quick else SECONDS, with_bare=with_bare)
             if with_bare:
-                table.add("CPU time per message, beside a bare subscriber [us]", *(1e6 * one / sent for one in used))
+                table.add(
+                    "CPU time per message, reference: a bare subscriber [us]", *(1e6 * one / sent for one in used)
+                )
             else:
                 table.add("longest time from reception to the writing thread [ms]", found["delay"])
             table.add("messages missing or recorded twice", found["wrong"])

@@ -1,7 +1,7 @@
 """Rounds of paired measurements, and the table of their ratios.
 
-Each round measures this project and its reference right after each other, so that whatever else the machine does meets
-both. Absolute times differ between machines, so the table shows the ratio: its median and its range over the rounds.
+Each round measures this project and its reference directly after each other, so that other load on the machine affects
+both. Absolute times differ between machines, so the table shows the median and the range of their ratio.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from pathlib import Path
 
 
 class Table:
-    """The measures of all rounds."""
+    """The measurements of all rounds."""
 
     def __init__(self) -> None:
         self._rounds: dict[str, list[tuple[float, float | None]]] = {}
 
     def add(self, measure: str, ours: float, reference: float | None = None) -> None:
-        """Add one round of a measure; without a reference our own figure is shown."""
+        """Add the value of a round. The range is of the ratio, or of our values if there is no reference."""
         self._rounds.setdefault(measure, []).append((ours, reference))
 
     def show(self) -> None:
@@ -48,14 +48,14 @@ class Table:
 
 
 def is_quick(description: str) -> bool:
-    """Read the command line; return whether to measure only briefly, to see whether the program runs."""
+    """Read the command line; return True for a short measurement that only checks that the program runs."""
     parser = argparse.ArgumentParser(description=description)
-    parser.add_argument("--quick", action="store_true", help="one short round, to see whether the program runs")
+    parser.add_argument("--quick", action="store_true", help="measure one short round, to check that the program runs")
     return parser.parse_args().quick
 
 
 def start(command: list[str], environment: dict[str, str], log: Path) -> subprocess.Popen[str]:
-    """Start a process whose output is read line by line and whose errors go to a file."""
+    """Start a Python process with its standard output in a pipe and its standard error in a file."""
     with log.open("w") as errors:
         return subprocess.Popen(
             [sys.executable, *command], env=environment, stdout=subprocess.PIPE, stderr=errors, text=True
@@ -63,6 +63,6 @@ def start(command: list[str], environment: dict[str, str], log: Path) -> subproc
 
 
 def cpu_seconds(processes: list[subprocess.Popen[str]]) -> float:
-    """Return the CPU time [s] of all threads of the processes so far, user and system."""
-    # The clock of another process, as glibc's clock_getcpuclockid names it. /proc/PID/stat counts in steps of 10 ms.
+    """Return the CPU time [s], user and system, of all threads of the processes."""
+    # Clock id of another process, as glibc's clock_getcpuclockid computes it. /proc/PID/stat counts in steps of 10 ms.
     return sum(time.clock_gettime((~process.pid << 3) | 2) for process in processes)

@@ -13,7 +13,7 @@ from diffbot.arguments import AnyPose, AnyRobot, goal_of, robot_of, seed_of
 from diffbot_core.errors import DiffbotError
 from diffbot_core.installed import install_hint
 from diffbot_sim.config import StartPose
-from diffbot_sim.simulation import Drive, SimulatedRobot
+from diffbot_sim.simulation import ClosedLoop, Drive
 
 if TYPE_CHECKING:
     import pandas
@@ -92,7 +92,7 @@ class Recording(Drive):
         return figure
 
 
-class Simulation(SimulatedRobot):
+class Simulation(ClosedLoop):
     """Simulated robot with filter and controller. Each drive starts where the previous drive ended.
 
     Examples:

@@ -1,5 +1,4 @@
-"""Studies: published laws and their benchmark, campaigns, the paper, certificates, the benchmark of the filter, gym.
+"""Studies: laws from publications, benchmarks of laws and filter, campaigns, the paper, certificates, Gymnasium.
 
-Conventions as in :mod:`diffbot_core`. Nothing that drives a robot imports this room; its commands and laws are found
-by entry points.
+Conventions as in :mod:`diffbot_core`. The nodes do not import this package. Its commands and laws are entry points.
 """

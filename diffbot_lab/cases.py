@@ -1,4 +1,4 @@
-"""Cases of the compiled loop: parameters by name, and the one place that assembles a case from configurations."""
+"""Build cases of the compiled loop from configurations or from values of parameters."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from diffbot_core.errors import InvalidValueError, known_name
 from diffbot_core.geometry import Pose
 from diffbot_core.schema import build, parameters_of, to_dict
 from diffbot_sim.config import PlantConfig, SensorConfig
-from diffbot_sim.fusion import Robot
+from diffbot_sim.fusion import SimulatedRobot
 from diffbot_sim.robot_step import FEEDBACKS, Case
 
 _NO_LANDMARKS = np.empty((0, 2))
 
 
 class Configuration(NamedTuple):
-    """Robot, sensors, controller and filter of a run."""
+    """Plant, sensors, controller and filter of a run."""
 
     plant: PlantConfig = PlantConfig()
     sensors: SensorConfig = SensorConfig()
     controller: Any = SwitchingConfig()
-    """of the Config of the law that drives"""
+    """an instance of the law's Config"""
     filter: FilterConfig = FilterConfig()
 
 
 def law_of(name: str, values: Mapping[str, Any]) -> str:
-    """Return the law that drives: that of the ``preset`` among the parameter values, if there is one, or ``name``.
+    """Return the name of the law: the law of the ``preset`` among the parameter values if there is one, else ``name``.
 
     Raises:
         InvalidValueError: for an unknown preset.
@@ -47,9 +47,10 @@ def law_of(name: str, values: Mapping[str, Any]) -> str:
 
 
 def configure(values: Mapping[str, Any], law: type[Law] = SwitchingLaw) -> Configuration:
-    """Build the configurations from parameter values; each value goes to every configuration that has its name.
+    """Build the configurations from values of parameters.
 
-    So ``wheel_radius`` sets the plant's and the controller's. A ``preset`` of the law selects its defaults.
+    A value sets the parameter of its name in every configuration, so ``wheel_radius`` sets the radius of plant and
+    controller. A ``preset`` selects the defaults of the law.
 
     Raises:
         InvalidValueError: for an unknown name or a value that is not allowed.
@@ -74,14 +75,14 @@ def configure(values: Mapping[str, Any], law: type[Law] = SwitchingLaw) -> Confi
 
 
 def changes(config: tuple[Any, ...]) -> str:
-    """Return a text of the parameters in which a configuration differs from the defaults."""
+    """Return a text that lists the values of a configuration that are not the default."""
     plain = to_dict(type(config)())
     changed = [f"{name} = {value}" for name, value in to_dict(config).items() if value != plain[name]]
     return f"not the default: {', '.join(changed) or 'nothing'}"
 
 
 def described(name: str, **parts: tuple[Any, ...]) -> str:
-    """Return a line with a name and all values of the parts of its configuration that are not the default."""
+    """Return a line with a name and, for each part of its configuration, the values that are not the default."""
     return f"{name}: " + "; ".join(f"{part} {changes(config)}" for part, config in parts.items())
 
 
@@ -94,14 +95,14 @@ def make_case(
     tolerance: tuple[float, float] | None = None,
     literal_rear: bool = False,
 ) -> Case:
-    """Assemble what the runs of one case share, with the goal at the origin and no landmarks.
+    """Return a case with its goal at the origin and no landmarks.
 
     Args:
-        configuration: of plant, sensors, controller and filter.
-        duration: [s] of each run, rounded to whole steps, at least one.
-        law: that drives; the configuration's controller is of its Config.
-        feedback: one of FEEDBACKS: which pose the controller receives.
-        tolerance: [m], [rad] within which a run has settled; None for the law's own.
+        configuration: plant, sensors, controller and filter.
+        duration: [s] length of each run, rounded to whole steps, at least one step.
+        law: the law; the controller's configuration is an instance of its Config.
+        feedback: pose that the controller receives, one of FEEDBACKS.
+        tolerance: [m], [rad] tolerances for the settling time; None for the law's tolerances.
         literal_rear: use the sign that the paper prints for the velocity in the rear sector.
     """
     plant, sensors, controller, filter_config = configuration
@@ -110,7 +111,7 @@ def make_case(
     xy_tolerance, yaw_tolerance = own if tolerance is None else tolerance
     options = options_of(LocalizationConfig(filter=filter_config), plant.wheels.wheel_separation)
     return Case(
-        Robot(plant, sensors, options, _NO_LANDMARKS),
+        SimulatedRobot(plant, sensors, options, _NO_LANDMARKS),
         controller,
         Pose(0.0, 0.0, 0.0),
         FEEDBACKS.index(feedback),

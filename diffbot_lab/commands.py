@@ -1,4 +1,4 @@
-"""Commands of the lab on the command line; their modules are imported when they are called."""
+"""Commands of the lab on the command line. Each command imports its module when it runs."""
 
 from __future__ import annotations
 
@@ -22,30 +22,30 @@ def add_experiment(commands: Any) -> None:
 
 def add_benchmark(commands: Any) -> None:
     """Add ``diffbot benchmark`` to the subparsers of the command line."""
-    benchmark = commands.add_parser("benchmark", help="the law and its peers, their tuning, docking, the filter")
+    benchmark = commands.add_parser("benchmark", help="compare laws, docking and filters; tune laws")
     parts = benchmark.add_subparsers(required=True, metavar="PART", dest="part")
 
-    switching = parts.add_parser("switching", help="the switching law and its peers under equal conditions")
+    switching = parts.add_parser("switching", help="compare the switching law with other laws under equal conditions")
     _add_names(switching, "--law", "compare the switching law with LAW: a name, or package.module:Class")
     _add_names(switching, "--case", "run CASE")
     switching.add_argument("--tuning", type=Path, metavar="FILE", help="tuning.json of diffbot benchmark tune")
     _add_runs(switching, 100, "runs of each start")
-    _add_runs(switching, 1, "runs of each start for the switching law, if more than --runs", "--own-runs")
+    _add_runs(switching, 1, "runs of each start for the switching law, if this is more than --runs", "--own-runs")
     _add_seed_and_out(switching, "out/benchmark")
     switching.set_defaults(call=_switching)
 
-    localization = parts.add_parser("localization", help="the variants of the filter on the same simulated drives")
+    localization = parts.add_parser("localization", help="compare the variants of the filter on the same drives")
     _add_runs(localization, 200, "drives of each case")
     _add_seed_and_out(localization, "out/localization")
     localization.set_defaults(call=_localization)
 
-    docking = parts.add_parser("docking", help="docking beside Nav2's docking server")
+    docking = parts.add_parser("docking", help="compare docking with Nav2's docking server")
     _add_names(docking, "--case", "run CASE")
     _add_runs(docking, 17_000, "runs of each law in each case")
     _add_seed_and_out(docking, "out/docking")
     docking.set_defaults(call=_docking)
 
-    tune = parts.add_parser("tune", help="tune the peers, each with the same budget; writes tuning.json")
+    tune = parts.add_parser("tune", help="tune the other laws, each with the same budget, and write tuning.json")
     _add_names(tune, "--law", "tune LAW: a name, or package.module:Class")
     tune.add_argument(
         "--budget", type=whole(1, 10**6), default=480, help="evaluations for each law (default: %(default)s)"
@@ -56,15 +56,22 @@ def add_benchmark(commands: Any) -> None:
 
 def add_campaign(commands: Any) -> None:
     """Add ``diffbot campaign`` to the subparsers of the command line."""
-    campaign = commands.add_parser("campaign", help="Monte-Carlo runs over a grid of parameters")
+    campaign = commands.add_parser("campaign", help="simulate many random runs over a grid of parameters")
     campaign.add_argument("file", type=Path, nargs="?", help="YAML file (docs/reference/campaigns.md)")
     add_flags(campaign, CampaignOptions)
     campaign.add_argument(
         "--start", type=yaml_value, help="e.g. '{box: {x: [-5, 5], y: [-5, 5], heading: [-3.14, 3.14]}}'"
     )
-    campaign.add_argument("--set", type=setting, nargs="+", default=[], metavar="NAME=VALUE", help="for all cells")
     campaign.add_argument(
-        "--grid", type=setting, nargs="+", default=[], metavar="NAME=[A,B]", help="one cell per combination"
+        "--set", type=setting, nargs="+", default=[], metavar="NAME=VALUE", help="values for all cells"
+    )
+    campaign.add_argument(
+        "--grid",
+        type=setting,
+        nargs="+",
+        default=[],
+        metavar="NAME=[A,B]",
+        help="one cell per combination",
     )
     _add_out(campaign, "out/campaign")
     place = campaign.add_mutually_exclusive_group()

@@ -1,6 +1,6 @@
-"""The variants of the filter on the same simulated drives: ``diffbot benchmark localization``.
+"""Compare the variants of the filter on the same simulated drives: ``diffbot benchmark localization``.
 
-Run i of each case and variant drives the same arc with the noise of (seed, i). No controller drives, since feedback
+Run i of each case and variant drives the same arc with the same noise. The drives are open-loop, since a controller
 would hide the errors of the filter.
 """
 
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.special import chdtri
 from tqdm import tqdm
 
-from diffbot_control.filter import ekf, state
+from diffbot_control.filter import ekf
 from diffbot_control.filter.config import (
     CALIBRATING,
     EKF,
@@ -26,6 +26,7 @@ from diffbot_control.filter.config import (
     LandmarkMap,
     LocalizationConfig,
 )
+from diffbot_control.filter.state import NIS, OUTCOME
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.files import output_folder, write_json
 from diffbot_core.geometry import Pose, wrap_angle
@@ -34,45 +35,43 @@ from diffbot_lab.cases import described
 from diffbot_lab.tables import number
 from diffbot_sim.batch import in_threads
 from diffbot_sim.config import PlantConfig, SensorConfig, WorldConfig
-from diffbot_sim.fusion import Robot, arriving_pose, new_recent, referred
+from diffbot_sim.fusion import SimulatedRobot, arriving_pose, new_buffers, reference_to
 from diffbot_sim.jit import compile_kernel, one_compiler
 from diffbot_sim.noise import NoiseSource, uniform
 from diffbot_sim.robot_step import advance, sense_estimate, start
 from diffbot_sim.sensors import purposes_of
-from diffbot_sim.simulation import robot_of
+from diffbot_sim.simulation import simulated_robot
 
 Array = NDArray[np.float64]
 
 DURATION = 60.0
 """[s] of a run"""
 SKIPPED = 10.0
-"""[s] at the start of a run that are not evaluated"""
+"""[s] part of a run, from its start, that is not evaluated"""
 RATES = ((10, 1), (10, 5), (50, 10))
 """[Hz] of odometry and fixes"""
-AWAY = 0.5
+LOST_DISTANCE = 0.5
 """[m] position error above which a filter counts as lost"""
 V_MIDDLE, V_HALF, OMEGA_HALF = 0.7, 0.3, 0.3
-"""[m/s], [m/s], [rad/s] of the drives: v is in 0.4 .. 1.0 m/s, omega in +-0.3 rad/s"""
+"""[m/s], [m/s], [rad/s] speeds of the drives: v is 0.4 .. 1.0 m/s, omega is -0.3 .. 0.3 rad/s"""
 HISTORY_COLUMNS = ("position", "heading", "sigma_xy", "sigma_theta", "nees", "nis", "outcome")
-"""Errors of the reported position [m] and heading [rad], and the standard deviations that the filter reports for them;
-normalised estimation error squared (NEES) of the pose; normalised innovation squared (NIS) and outcome of the fix that
-arrives at the step, nan if none does."""
+"""Errors of the estimated position [m] and heading [rad]; their standard deviations according to the filter; normalised
+estimation error squared (NEES) of the pose; normalised innovation squared (NIS) and outcome of the fix that arrives at
+the step, nan without a fix."""
 _FIXES = 0
-"""Row of the fixes among the filter's newest measurements."""
-_SIZE = 3
-"""Dimension of a pose and of a fix."""
+"""Row of the fixes in ``Filter.last``."""
 _CHUNK = 16
-"""Runs that a thread does at a time."""
+"""Runs in one call of the kernel."""
 _COLOURS = {EKF: "#999999", CALIBRATING: "#0072B2", FNN: "#E69F00", FNN_CALIBRATING: "#009E73"}
 
 
 class Scenario(NamedTuple):
-    """One deviation from the nominal case, at several rates."""
+    """A deviation from the nominal case, simulated at several rates."""
 
     name: str
     text: str
     label: str
-    """below the bars of the figure"""
+    """label below the bars of the figure"""
     plant: PlantConfig = PlantConfig()
     sensors: SensorConfig = SensorConfig()
     landmarks: LandmarkMap = LandmarkMap()
@@ -119,77 +118,78 @@ SCENARIOS = (
 class OpenLoopCase(NamedTuple):
     """Settings that all runs of a case share."""
 
-    robot: Robot
+    robot: SimulatedRobot
     steps: int
     skipped: int
-    """steps at the start that do not count"""
+    """number of steps at the start that are not evaluated"""
     kidnapped: int
-    """first step at which the robot stands at its new place; -1 for never"""
+    """first step at the new place of a kidnapped robot; -1 if it is not kidnapped"""
 
 
 class Tracking(NamedTuple):
-    """Figures of one run, over the steps that count."""
+    """Figures of one run, over the evaluated steps."""
 
     position: float
-    """[m] root of the mean squared position error"""
+    """[m] root mean square of the position error"""
     heading: float
-    """[rad] root of the mean squared heading error"""
+    """[rad] root mean square of the heading error"""
     largest: float
-    """[m] position error"""
+    """[m] largest position error"""
     end: float
-    """[m] position error"""
+    """[m] position error at the end"""
     back: float
-    """[s] from the kidnapping until the position error is below AWAY for good; nan without one"""
+    """[s] time from the kidnapping until the position error stays below LOST_DISTANCE; nan without a kidnapping"""
     nis: float
-    """mean NIS of the fixes, rejected ones included"""
+    """mean NIS of the fixes, including rejected fixes"""
     nees: float
     """mean NEES of the pose"""
     fixes: float
+    """number of fixes"""
     rejected: float
-    """fixes"""
+    """number of rejected fixes"""
     relocated: float
-    """fixes after which the filter was relocated"""
+    """number of fixes that relocated the filter"""
 
 
 COLUMNS = Tracking._fields
 
 
-def drive_of(scenario: Scenario, odometry_rate: int, fix_rate: int, filter_name: str) -> OpenLoopCase:
-    """Return what all runs of a scenario, at rates [Hz], with one of FILTERS share."""
+def case_of(scenario: Scenario, odometry_rate: int, fix_rate: int, filter_name: str) -> OpenLoopCase:
+    """Return the case of a scenario at rates [Hz] with one of FILTERS."""
     plant = scenario.plant._replace(sampling_time=1.0 / odometry_rate)
     sensors = scenario.sensors._replace(fix_rate=float(fix_rate))
     world = WorldConfig(plant, sensors, landmarks=scenario.landmarks)
     localization = LocalizationConfig(filter=FilterConfig(filter=filter_name))
     kidnapped = round(plant.kidnap_time * odometry_rate) if plant.kidnap_time > 0.0 else -1
     steps, skipped = round(DURATION * odometry_rate), round(SKIPPED * odometry_rate)
-    return OpenLoopCase(robot_of(world, localization), steps, skipped, kidnapped)
+    return OpenLoopCase(simulated_robot(world, localization), steps, skipped, kidnapped)
 
 
-def begin_of(source: NoiseSource, seed: int, run: int) -> tuple[float, Twist]:
-    """Return the random heading [rad] with which a run starts at the origin, and its random constant twist."""
+def draw_drive(source: NoiseSource, seed: int, run: int) -> tuple[float, Twist]:
+    """Draw the start heading [rad] and the constant twist of a run, which starts at the origin."""
     v, omega, theta, _ = source.start(seed, run).tolist()
     return uniform(theta, math.pi), Twist(V_MIDDLE + uniform(v, V_HALF), uniform(omega, OMEGA_HALF))
 
 
-def _drive(recent: Any, theta: float, command: Twist, noise: Any, history: Any) -> None:
-    """Drive from the origin with the noise (purposes, steps + 1, 4), and fill the history (steps + 1, 7)."""
-    robot = recent.robot
-    body, newest = start(recent, Pose(0.0, 0.0, theta)), recent.filter.last[_FIXES]
+def _drive(buffers: Any, theta: float, command: Twist, noise: Any, history: Any) -> None:
+    """Simulate one drive with noise (purposes, steps + 1, 4) and fill its history (steps + 1, 7)."""
+    robot = buffers.robot
+    state, newest = start(buffers, Pose(0.0, 0.0, theta)), buffers.filter.last[_FIXES]
     for step in range(len(history)):
-        body = sense_estimate(body, recent, noise[:, step], robot.sensors, robot.plant.sampling_time)
-        row, truth = history[step], body.state.pose
-        error, P = ekf.average(recent.filter, robot.filter)
+        state = sense_estimate(state, buffers, noise[:, step], robot.sensors, robot.plant.sampling_time)
+        row, truth = history[step], state.plant.pose
+        error, P = ekf.average(buffers.filter, robot.filter)
         error[0], error[1], error[2] = error[0] - truth.x, error[1] - truth.y, wrap_angle(error[2] - truth.theta)
         row[0], row[1] = math.hypot(error[0], error[1]), error[2]
-        row[2], row[3] = body.feedback.uncertainty
+        row[2], row[3] = state.feedback.uncertainty
         row[4], row[5], row[6] = ekf.normalised_square(error[:3], P), math.nan, math.nan
-        if arriving_pose(recent, step) >= 0:
-            row[5], row[6] = newest[state.NIS], newest[state.OUTCOME]
-        body = advance(body, recent.commands, command, noise[:, step], robot.plant)
+        if arriving_pose(buffers, step) >= 0:
+            row[5], row[6] = newest[NIS], newest[OUTCOME]
+        state = advance(state, buffers.commands, command, noise[:, step], robot.plant)
 
 
-def _drive_all(recent: Any, begins: Any, noise: Any, histories: Any) -> None:
-    shared = referred(recent)
+def _drive_all(buffers: Any, begins: Any, noise: Any, histories: Any) -> None:
+    shared = reference_to(buffers)
     for run in range(len(histories)):
         theta, command = begins[run, 0], Twist(begins[run, 1], begins[run, 2])
         _drive(shared, theta, command, noise[run], histories[run])
@@ -198,28 +198,28 @@ def _drive_all(recent: Any, begins: Any, noise: Any, histories: Any) -> None:
 _kernel = compile_kernel(_drive_all)
 
 
-def _compile(robot: Robot) -> None:
-    """Compile the kernel before threads call it; all robots have the same types."""
+def _compile(robot: SimulatedRobot) -> None:
+    """Compile the kernel before threads call it. The types are the same for all robots."""
     if not _kernel.signatures:
         with one_compiler(""):
-            _kernel(new_recent(robot), np.empty((0, 3)), np.empty((0, 1, 1, 4)), np.empty((0, 1, 7)))
+            _kernel(new_buffers(robot), np.empty((0, 3)), np.empty((0, 1, 1, 4)), np.empty((0, 1, 7)))
 
 
 def run_drives(case: OpenLoopCase, seed: int, runs: int, threads: int | None = None) -> Array:
-    """Simulate the runs 0 to ``runs - 1`` on ``threads`` threads; None for one per core.
+    """Simulate the runs 0 to ``runs - 1`` on ``threads`` threads; None for one on each core.
 
     Returns:
-        (runs, 10), a row per run, columns as COLUMNS; the same for any number of threads.
+        (runs, 10), a row for each run, columns as COLUMNS. It does not depend on the number of threads.
     """
     trackings: Array = np.empty((runs, len(COLUMNS)))
 
-    def do(chunks: list[range]) -> None:
+    def simulate_chunks(chunks: list[range]) -> None:
         for chunk in chunks:
             for run, history in zip(chunk, run_histories(case, seed, chunk), strict=True):
                 trackings[run] = tracking_of(case, history)
 
     _compile(case.robot)
-    in_threads(do, [range(at, min(at + _CHUNK, runs)) for at in range(0, runs, _CHUNK)], threads)
+    in_threads(simulate_chunks, [range(at, min(at + _CHUNK, runs)) for at in range(0, runs, _CHUNK)], threads)
     return trackings
 
 
@@ -228,19 +228,19 @@ def run_histories(case: OpenLoopCase, seed: int, runs: range) -> Array:
     robot, source, steps = case.robot, NoiseSource(), case.steps + 1
     purposes = purposes_of(robot.sensors, len(robot.landmarks), robot.plant.slip_noise)
     noise = np.array([source.run(seed, run, steps, purposes) for run in runs])
-    begins = np.array([(theta, *twist) for theta, twist in (begin_of(source, seed, run) for run in runs)])
+    begins = np.array([(theta, *twist) for theta, twist in (draw_drive(source, seed, run) for run in runs)])
     histories: Array = np.empty((len(runs), steps, len(HISTORY_COLUMNS)))
     _compile(robot)
-    _kernel(new_recent(robot), begins, noise, histories)
+    _kernel(new_buffers(robot), begins, noise, histories)
     return histories
 
 
 def tracking_of(case: OpenLoopCase, history: Array) -> Tracking:
-    """Summarise the history (steps + 1, 7) of one run; a position error of nan counts as above AWAY."""
+    """Return the figures of one run from its history (steps + 1, 7). A position error of nan counts as lost."""
     position, heading, _, _, nees, nis, outcome = history[case.skipped + 1 :].T
     fixed, back = ~np.isnan(outcome), math.nan
     if case.kidnapped >= 0:
-        away = np.flatnonzero(~(history[case.kidnapped :, 0] <= AWAY))
+        away = np.flatnonzero(~(history[case.kidnapped :, 0] <= LOST_DISTANCE))
         back = (away[-1] + 1 if len(away) else 0) * case.robot.plant.sampling_time
     return Tracking(
         position=math.sqrt((position**2).mean()),
@@ -257,43 +257,43 @@ def tracking_of(case: OpenLoopCase, history: Array) -> Tracking:
 
 
 def figures_of(trackings: Array) -> dict[str, Any]:
-    """Turn the rows of many runs, columns as COLUMNS, into the figures of one case and filter."""
+    """Summarise many runs (runs, 10), columns as COLUMNS, of one case and filter."""
     column = dict(zip(COLUMNS, trackings.T, strict=True))
     runs, fixes, counted = len(trackings), column["fixes"], float(column["fixes"].sum())
-    # Whole steps: 28 of 0.1 s are 2.8 s, without the rounding error of the product.
+    # Remove the rounding error of steps times sampling time: 28 steps of 0.1 s are 2.8 s.
     back = np.round(column["back"][~np.isnan(column["back"])], 9)
     return {
         "runs": runs,
         "position": _pooled(column["position"]),
         "heading": _pooled(column["heading"]),
         "largest": float(column["largest"].max()),
-        "lost": int((~(column["end"] <= AWAY)).sum()),
+        "lost": int((~(column["end"] <= LOST_DISTANCE)).sum()),
         "back_median": float(np.median(back)) if len(back) else None,
         "back_max": float(back.max()) if len(back) else None,
         "nis": float((column["nis"] * fixes).sum() / counted),
-        "nis_low": _bound(0.025, counted),
-        "nis_high": _bound(0.975, counted),
+        "nis_low": _chi_square_bound(0.025, counted),
+        "nis_high": _chi_square_bound(0.975, counted),
         "nees": float(column["nees"].mean()),
-        "nees_low": _bound(0.025, runs),
-        "nees_high": _bound(0.975, runs),
+        "nees_low": _chi_square_bound(0.025, runs),
+        "nees_high": _chi_square_bound(0.975, runs),
         "rejected": float(column["rejected"].sum() / counted),
         "relocations": float(column["relocated"].mean()),
     }
 
 
 def _pooled(errors: Array) -> dict[str, float]:
-    """Pool the RMSE of runs of equal length: RMSE over all of them, median and 95 % of the runs."""
+    """Return the RMSE over all runs, and median and 95 % quantile of the runs' RMSE. The runs have the same length."""
     rmse, median, p95 = math.sqrt(float((errors**2).mean())), float(np.median(errors)), float(np.quantile(errors, 0.95))
     return {"rmse": rmse, "median": median, "p95": p95}
 
 
-def _bound(share: float, samples: float) -> float:
-    """Return the quantile of the mean of ``samples`` chi-square variables with three degrees of freedom."""
-    return float(chdtri(_SIZE * samples, 1.0 - share) / samples)
+def _chi_square_bound(share: float, samples: float) -> float:
+    """Return a quantile of the mean of ``samples`` chi-square variables with three degrees of freedom."""
+    return float(chdtri(3.0 * samples, 1.0 - share) / samples)
 
 
 def run_benchmark(runs: int, seed: int) -> dict[str, Any]:
-    """Execute all runs of all cases, with a progress bar on a terminal; return the content of results.json.
+    """Simulate all runs of all cases and return the content of results.json. On a terminal, show a progress bar.
 
     Raises:
         InvalidValueError: for fewer than one run.
@@ -304,7 +304,7 @@ def run_benchmark(runs: int, seed: int) -> dict[str, Any]:
     pairs = [(scenario, *rates) for scenario in SCENARIOS for rates in scenario.rates]
     for scenario, odometry_rate, fix_rate in tqdm(pairs, desc="benchmark", unit="case", disable=None):
         case = {"name": f"{scenario.name}_{odometry_rate}_{fix_rate}", "scenario": scenario.name, "text": scenario.text}
-        drives = {name: run_drives(drive_of(scenario, odometry_rate, fix_rate, name), seed, runs) for name in FILTERS}
+        drives = {name: run_drives(case_of(scenario, odometry_rate, fix_rate, name), seed, runs) for name in FILTERS}
         filters = {name: figures_of(found) for name, found in drives.items()}
         cases.append({**case, "odometry_rate": odometry_rate, "fix_rate": fix_rate, "filters": filters})
     head = {"runs": runs, "seed": seed, "duration": DURATION, "skipped": SKIPPED}
@@ -321,7 +321,7 @@ def run_and_report(runs: int, seed: int, folder: Path) -> int:
         results = run_benchmark(runs, seed)
         write_json(folder / "results.json", results)
         print(*(described(one.name, plant=one.plant, sensors=one.sensors) for one in SCENARIOS), sep="\n")
-        print("filter: as in the column, otherwise not the default: nothing; rates: as in the row")
+        print("filter: variant as in the first column, otherwise the defaults; rates as in the rows")
         print(table(results))
         draw(results, folder / "localization.png")
     print(f"Results in {folder}")
@@ -329,7 +329,7 @@ def run_and_report(runs: int, seed: int, folder: Path) -> int:
 
 
 def table(results: dict[str, Any]) -> str:
-    """Lay out all cases for a terminal."""
+    """Return a table of all cases for a terminal."""
     head = f"{'':<20}{'|pos| [m]: RMSE':>15}{'95 %':>7}{'max':>8}{'|theta| [rad]: RMSE':>21}{'95 %':>8}{'lost':>6}"
     head += f"{'back [s]: median':>18}{'max':>7}{'NIS':>9}{'NEES':>10}{'rejected':>10}{'relocations':>13}"
     rows = [head]
@@ -350,18 +350,18 @@ def _terminal_row(name: str, one: dict[str, Any]) -> str:
 
 
 def draw(results: dict[str, Any], path: Path) -> None:
-    """Draw one run with all faults of each variant with three standard deviations, and the RMSE in all cases.
+    """Draw a run with all faults for each variant, with three standard deviations, and the RMSE of all cases.
 
     Raises:
         OSError: if the file cannot be written.
     """
-    # Loads matplotlib.
+    # Matplotlib takes long to load.
     from diffbot_tools.plotting import new_grid, save  # noqa: PLC0415
 
     figure, panels, bars = new_grid(len(FILTERS), len(RATES), (15.0, 7.8), left=0.06)
     (faulty,) = (one for one in SCENARIOS if one.name == "all")
     for axes, name in zip(panels, FILTERS, strict=True):
-        case = drive_of(faulty, *RATES[1], name)
+        case = case_of(faulty, *RATES[1], name)
         history = run_histories(case, results["seed"], range(1))[0]
         time = case.robot.plant.sampling_time * np.arange(len(history))
         axes.fill_between(

@@ -1,5 +1,5 @@
-"""The simulated world: the plant and its sensors, the ROS-free closed loop, and the compiled one.
+"""Simulation: the plant and its sensors, the closed loop without ROS, and the compiled closed loop.
 
-Conventions as in :mod:`diffbot_core`. The plant shares no motion model with the filter, so that a mistake in one of
-them shows.
+Conventions as in :mod:`diffbot_core`. The plant and the filter do not share a motion model, so that a mistake in one of
+them becomes visible.
 """

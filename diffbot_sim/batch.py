@@ -1,7 +1,7 @@
-"""Many closed loops, compiled from the functions that the nodes call.
+"""Simulate many closed loops, compiled from the functions that the nodes call.
 
-A run is named by (seed, run) and depends on nothing else, so results are the same to the bit in any chunking, order and
-number of workers.
+The noise of a run depends only on its seed and its number. The results are therefore equal to the bit for any chunks,
+order and number of workers.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from diffbot_control.law.switching import SwitchingLaw
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_sim.config import SensorConfig
-from diffbot_sim.fusion import Robot, borrowed, new_recent, referred
+from diffbot_sim.fusion import SimulatedRobot, borrowed, new_buffers, reference_to
 from diffbot_sim.jit import compile_kernel, law_version, one_compiler
 from diffbot_sim.noise import NoiseSource, uniform
 from diffbot_sim.outcome import Outcome
-from diffbot_sim.robot_step import FEEDBACKS, HISTORY_COLUMNS, TRUTH_CODE, Case, check_robot, make_loop
+from diffbot_sim.robot_step import FEEDBACKS, HISTORY_COLUMNS, TRUTH, Case, check_robot, make_loop
 from diffbot_sim.sensors import purposes_of
 
 _log = logging.getLogger(__name__)
@@ -34,11 +34,11 @@ Array = NDArray[np.float64]
 
 COLUMNS = Outcome._fields
 _CHUNK, _LONG_CHUNK = 128, 16
-"""Runs that a thread does at a time, without and with histories."""
+"""Runs in one call of the kernel, without and with histories."""
 
 
 class Starts(NamedTuple):
-    """Where runs begin, in map: run i starts at a random pose in the box about row i modulo the number of rows."""
+    """Start poses in map. Run i starts at a random pose in the box around row i modulo the number of rows."""
 
     poses: Array
     """(n, 3) rows x, y, theta"""
@@ -47,10 +47,10 @@ class Starts(NamedTuple):
 
 
 def check_case(case: Case, starts: Starts) -> None:
-    """Refuse what the batch does not support.
+    """Check a case and its starts.
 
     Raises:
-        InvalidValueError: see :func:`check_robot`; for less than one step; for no start.
+        InvalidValueError: for a robot that :func:`check_robot` refuses, less than one step, or no start.
     """
     check_robot(case.robot, case.history_length)
     if case.steps < 1:
@@ -60,12 +60,12 @@ def check_case(case: Case, starts: Starts) -> None:
 
 
 def _make_fill(law: type[Law], feedback: int) -> Callable[..., None]:
-    """Return the function that fills outcomes and histories of some runs under a law, with a code of FEEDBACKS."""
+    """Return the function that simulates some runs under a law; ``feedback`` is an index of FEEDBACKS."""
     run_loop = make_loop(law, feedback)
 
-    def fill(case: Case, recent: Any, begins: Any, noise: Any, outcomes: Any, histories: Any) -> None:
-        shared, numbers, rows = referred(recent), borrowed(noise), borrowed(histories)
-        robot = Robot(case.robot.plant, case.robot.sensors, case.robot.filter, borrowed(case.robot.landmarks))
+    def fill(case: Case, buffers: Any, begins: Any, noise: Any, outcomes: Any, histories: Any) -> None:
+        shared, numbers, rows = reference_to(buffers), borrowed(noise), borrowed(histories)
+        robot = SimulatedRobot(case.robot.plant, case.robot.sensors, case.robot.filter, borrowed(case.robot.landmarks))
         own = Case(robot, *case[1:])
         for index in range(len(outcomes)):
             begin = Pose(begins[index, 0], begins[index, 1], begins[index, 2])
@@ -73,44 +73,40 @@ def _make_fill(law: type[Law], feedback: int) -> Callable[..., None]:
             for column, value in enumerate(outcome):
                 row[column] = value
 
-    # Compiled functions of the same name and types are taken for one another if they come from the cache.
+    # Numba cannot tell cached functions of the same name and types apart, so each needs its own name.
     fill.__qualname__ = f"fill_{law.name}_{FEEDBACKS[feedback]}"
     return fill
 
 
-class _Kernels:
-    """Compiled kernels by law and feedback, and the plain functions of laws that do not compile."""
+_kernels: dict[tuple[type[Law], int], Any] = {}
+"""Kernels by law and feedback: compiled, or plain Python for laws that numba cannot compile."""
+_kernels_lock = Lock()
 
-    def __init__(self) -> None:
-        self._kernels: dict[tuple[int, int], tuple[type[Law], Any]] = {}
-        self._lock = Lock()
 
-    def kernel(self, law: type[Law], feedback: int, example: tuple[Any, ...]) -> Any:
-        """Return the kernel of a law with a feedback, compiled for arguments like ``example``, which has no runs.
+def _kernel(law: type[Law], feedback: int, example: tuple[Any, ...]) -> Any:
+    """Return the kernel of a law and a feedback, compiled for the types of ``example``.
 
-        If numba cannot compile it, the kernel is plain Python, which is logged once.
-        """
-        with self._lock:
-            _, kernel = self._kernels.get((id(law), feedback), (law, None))
-            if kernel is None:
-                kernel = compile_kernel(_make_fill(law, feedback), law_version(law))
-            if hasattr(kernel, "py_func") and tuple(map(kernel.typeof_pyval, example)) not in kernel.overloads:
-                try:
-                    with one_compiler(law_version(law)):
-                        kernel(*example)  # compiles, and runs nothing
-                except Exception as error:  # not all of numba's errors have a base in common
-                    kernel, reason = kernel.py_func, _first_line(error)
-                    _log.warning("law %s runs as plain Python, numba cannot compile it: %s", law.name, reason)
-            self._kernels[id(law), feedback] = law, kernel
-            return kernel
+    ``example`` contains arguments for zero runs. If numba cannot compile the kernel, log the reason once and return the
+    plain Python function.
+    """
+    with _kernels_lock:
+        kernel = _kernels.get((law, feedback))
+        if kernel is None:
+            kernel = compile_kernel(_make_fill(law, feedback), law_version(law))
+        if hasattr(kernel, "py_func") and tuple(map(kernel.typeof_pyval, example)) not in kernel.overloads:
+            try:
+                with one_compiler(law_version(law)):
+                    kernel(*example)  # compiles the kernel, which then simulates zero runs
+            except Exception as error:  # numba's errors have no common base class
+                kernel, reason = kernel.py_func, _first_line(error)
+                _log.warning("law %s runs as plain Python, since numba cannot compile it: %s", law.name, reason)
+        _kernels[law, feedback] = kernel
+        return kernel
 
 
 def _first_line(error: Exception) -> str:
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     return next((line for line in lines if not line.startswith(("Failed in", "-"))), type(error).__name__)
-
-
-_kernels = _Kernels()
 
 
 def run_batch(
@@ -122,24 +118,24 @@ def run_batch(
     threads: int | None = None,
     law: type[Law] = SwitchingLaw,
 ) -> Array:
-    """Do the runs ``first`` to ``first + count - 1`` under ``seed``.
+    """Simulate the runs ``first`` to ``first + count - 1``.
 
     Args:
-        case: what all runs share.
-        starts: where they begin.
-        seed: of all noise.
+        case: robot, controller, goal and duration of all runs.
+        starts: start poses.
+        seed: seed of all noise.
         first: number of the first run.
-        count: how many.
-        threads: how many at a time; None for one on each core.
-        law: that drives; ``case.controller`` is of its Config.
+        count: number of runs.
+        threads: number of threads; None for one on each core.
+        law: the law; ``case.controller`` is an instance of its Config.
 
     Returns:
-        (count, 12), a row per run, columns as COLUMNS.
+        Outcomes (count, 12), a row for each run, columns as COLUMNS.
 
     Raises:
         InvalidValueError: see :func:`check_case`.
     """
-    return _filled(law, case, starts, seed, range(first, first + count), threads, with_histories=False)[0]
+    return _simulate(law, case, starts, seed, range(first, first + count), threads, with_histories=False)[0]
 
 
 def run_histories(
@@ -151,40 +147,44 @@ def run_histories(
     threads: int | None = None,
     law: type[Law] = SwitchingLaw,
 ) -> Array:
-    """Do runs as :func:`run_batch`; return histories (count, steps + 1, 12), see robot_step.HISTORY_COLUMNS."""
-    return _filled(law, case, starts, seed, range(first, first + count), threads, with_histories=True)[1]
+    """Simulate runs as :func:`run_batch` does, and return their histories.
+
+    Returns:
+        Histories (count, steps + 1, 12), columns as robot_step.HISTORY_COLUMNS.
+    """
+    return _simulate(law, case, starts, seed, range(first, first + count), threads, with_histories=True)[1]
 
 
-def _filled(
+def _simulate(
     law: type[Law], case: Case, starts: Starts, seed: int, runs: range, threads: int | None, *, with_histories: bool
 ) -> tuple[Array, Array]:
-    """Return outcomes and histories; without histories these have no rows, so that one kernel serves both."""
+    """Return outcomes and histories. The histories are empty without ``with_histories``."""
     check_case(case, starts)
     outcomes: Array = np.empty((len(runs), len(COLUMNS)))
     histories: Array = np.empty((len(runs), case.steps + 1 if with_histories else 0, len(HISTORY_COLUMNS)))
-    sensors = SensorConfig(fix_rate=0.0) if case.feedback == TRUTH_CODE else case.robot.sensors
+    sensors = SensorConfig(fix_rate=0.0) if case.feedback == FEEDBACKS.index(TRUTH) else case.robot.sensors
     purposes = purposes_of(sensors, len(case.robot.landmarks), case.robot.plant.slip_noise)
     none = np.empty((0, 3)), np.empty((0, 1, 1, 4))
-    kernel = _kernels.kernel(law, case.feedback, (case, new_recent(case.robot), *none, outcomes[:0], histories[:0]))
+    kernel = _kernel(law, case.feedback, (case, new_buffers(case.robot), *none, outcomes[:0], histories[:0]))
 
     size = max(min(_LONG_CHUNK if with_histories else _CHUNK, len(runs)), 1)
 
-    def do(chunks: list[range]) -> None:
-        source, recent = NoiseSource(), new_recent(case.robot)
+    def simulate_chunks(chunks: list[range]) -> None:
+        source, buffers = NoiseSource(), new_buffers(case.robot)
         noise = np.empty((size, max(purposes) + 1, case.steps + 1, 4))
         for chunk in chunks:
             for index, run in enumerate(chunk):
                 source.rows(seed, run, 0, noise[index], purposes)
             begins = np.array([start_pose(source, starts, seed, run) for run in chunk])
             rows = slice(chunk.start - runs.start, chunk.stop - runs.start)
-            kernel(case, recent, begins, noise, outcomes[rows], histories[rows])
+            kernel(case, buffers, begins, noise, outcomes[rows], histories[rows])
 
-    in_threads(do, [runs[at : at + size] for at in range(0, len(runs), size)], threads)
+    in_threads(simulate_chunks, [runs[at : at + size] for at in range(0, len(runs), size)], threads)
     return outcomes, histories
 
 
 def start_pose(source: NoiseSource, starts: Starts, seed: int, run: int) -> Pose:
-    """Return where a run begins."""
+    """Return the start pose of a run."""
     row, half = starts.poses[run % len(starts.poses)], starts.half
     if half == (0.0, 0.0, 0.0):
         return Pose(*row.tolist())
@@ -195,7 +195,13 @@ def start_pose(source: NoiseSource, starts: Starts, seed: int, run: int) -> Pose
 
 
 def in_threads(work: Callable[[list[range]], None], chunks: list[range], threads: int | None) -> None:
-    """Share out chunks of runs among threads, each of which calls ``work`` once; None for one thread on each core."""
+    """Distribute chunks of runs over threads. Each thread calls ``work`` once with its chunks.
+
+    Args:
+        work: simulates some chunks.
+        chunks: run numbers.
+        threads: number of threads; None for one on each core.
+    """
     workers = min(threads or os.cpu_count() or 1, len(chunks))
     with ThreadPoolExecutor(max(workers, 1)) as pool:
         for future in [pool.submit(work, chunks[worker::workers]) for worker in range(workers)]:

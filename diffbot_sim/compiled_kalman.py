@@ -1,4 +1,4 @@
-"""The algebra of :mod:`diffbot_control.filter.kalman` as loops that numba compiles; a test holds both equal."""
+"""The algebra of :mod:`diffbot_control.filter.kalman` as loops that numba compiles. A test compares both."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def propagate(P: Any, F: Any, Q: Any) -> Any:
 
 
 def symmetric_product(A: Any, P: Any, B: Any) -> Any:
-    """Return A P A' + B for A (m, n), a symmetric P (n, n) and B (m, m); zeros in A are left out."""
+    """Return A P A' + B for A (m, n), a symmetric P (n, n) and B (m, m). Zeros in A are skipped."""
     m, n = A.shape
     AP, result = np.zeros((m, n)), B.copy()
     for i in range(m):
@@ -34,9 +34,10 @@ def symmetric_product(A: Any, P: Any, B: Any) -> Any:
 
 
 def correct(P: Any, y: Any, H: Any, R: Any) -> Any:
-    """Return the shift K y (n,) and the covariance P - K S K' (n, n) of kalman.correct.
+    """Return the shift K y (n,) and the covariance P - K S K' (n, n), as kalman.correct does.
 
-    With Cholesky's S = L L' and W = P H' L'^-1 they are W L^-1 y and P - W W', which stays symmetric.
+    With the Cholesky factor L of S and W = P H' L'^-1, the shift is W L^-1 y and the covariance is P - W W', which is
+    symmetric.
     """
     m, n = H.shape
     L, u = innovation_covariance(P, H, R), y.copy()
@@ -56,7 +57,7 @@ def correct(P: Any, y: Any, H: Any, R: Any) -> Any:
 
 
 def product_of(P: Any, H: Any) -> Any:
-    """Return P H' (n, m); most of H is 0."""
+    """Return P H' (n, m). Zeros in H are skipped."""
     m, n = H.shape
     PH = np.zeros((n, m))
     for j in range(m):
@@ -69,7 +70,7 @@ def product_of(P: Any, H: Any) -> Any:
 
 
 def factorise(S: Any, u: Any) -> None:
-    """Replace a positive definite S (m, m) by L of Cholesky's S = L L', and u (m,) by L^-1 u, in place."""
+    """Replace a positive definite S (m, m) by its Cholesky factor L, and u (m,) by L^-1 u, in place."""
     m = len(u)
     for j in range(m):
         for k in range(j):
@@ -84,7 +85,7 @@ def factorise(S: Any, u: Any) -> None:
 
 
 def innovation_covariance(P: Any, H: Any, R: Any) -> Any:
-    """Return H P H' + R (m, m); most of H is 0."""
+    """Return H P H' + R (m, m). Zeros in H are skipped."""
     m, n = H.shape
     S = R.copy()
     for i in range(m):
@@ -98,7 +99,7 @@ def innovation_covariance(P: Any, H: Any, R: Any) -> Any:
 
 
 def condition(x: Any, P: Any, at: int, value: float) -> Any:
-    """Return mean (n,) and covariance (n, n) of kalman.condition."""
+    """Return mean (n,) and covariance (n, n), as kalman.condition does."""
     n = len(x)
     mean, covariance = x.copy(), P.copy()
     for i in range(n):
@@ -115,4 +116,4 @@ LOOPS = {
     kalman.correct: correct,
     kalman.innovation_covariance: innovation_covariance,
 }
-"""What compiled code calls instead of filterpy's functions."""
+"""Replacements of the functions that use filterpy, for compiled code."""

@@ -1,4 +1,4 @@
-"""Configurations of the simulated robot: the plant, its sensors, and their world."""
+"""Configurations of the simulated robot: plant, sensors, start and seed."""
 
 from __future__ import annotations
 
@@ -7,14 +7,13 @@ from typing import Annotated, NamedTuple
 
 from diffbot_control.filter.config import LandmarkMap
 from diffbot_core.data_sheet import CommandLatency, MaxAcceleration, MaxAngularAcceleration
-from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import WheelGeometry
 from diffbot_core.schema import DISTANCE, HEADING, POSITION, TIME, TIMEOUT, WHEEL_SPEED, Spec, known_fields
 
 _INF = math.inf
 _ADDED = 0.0, 1e3
-"""[m/s], [rad/s] bounds of noise added to the twist"""
+"""[m/s], [rad/s] range of the bounds of noise added to the twist"""
 _RATE = 0.0, 1000.0
 """[Hz]"""
 _DELAY = 0.0, 60.0
@@ -24,9 +23,9 @@ _SHARE = 0.0, 1.0
 
 @known_fields
 class PlantConfig(NamedTuple):
-    """The robot and its faults; the defaults are the paper's robot with noise of +-5 % in each drive and encoder.
+    """The robot and its faults. The defaults are the paper's robot with noise of +-5 % in each drive and encoder.
 
-    The dead time and the bounds of the acceleration have the names of the controller's data sheet, so that the section
+    The dead time and the acceleration limits have the same names as in the controller's data sheet, so that the section
     ``/**`` of a parameter file sets both.
     """
 
@@ -39,11 +38,11 @@ class PlantConfig(NamedTuple):
     encoder_noise: Annotated[float, Spec("bound of the relative error of each encoder's speed", "-", *_SHARE)] = 0.05
     left_radius_error: Annotated[float, Spec("relative error of the left wheel's radius", "-", -0.5, 0.5)] = 0.0
     right_radius_error: Annotated[float, Spec("relative error of the right wheel's radius", "-", -0.5, 0.5)] = 0.0
-    separation_error: Annotated[float, Spec("relative error of the distance of the wheels", "-", -0.5, 0.5)] = 0.0
+    separation_error: Annotated[float, Spec("relative error of the distance between the wheels", "-", -0.5, 0.5)] = 0.0
     slip_noise: Annotated[
         float,
         Spec(
-            "scale of the half-normal share of a wheel's motion lost in each step; its mean is 0.8 times the scale",
+            "scale of the half-normal share of a wheel's motion lost in each step; the mean share is 0.8 times it",
             "-",
             *_SHARE,
         ),
@@ -60,16 +59,14 @@ class PlantConfig(NamedTuple):
     ] = 0.0
     acceleration_max: MaxAcceleration = _INF
     angular_acceleration_max: MaxAngularAcceleration = _INF
-    wheel_speed_max: Annotated[float, Spec("bound of each wheel's |speed|", "rad/s", *WHEEL_SPEED, allow_inf=True)] = (
-        _INF
-    )
+    wheel_speed_max: Annotated[float, Spec("largest |speed| of a wheel", "rad/s", *WHEEL_SPEED, allow_inf=True)] = _INF
     dead_band: Annotated[float, Spec("smallest |speed| at which a wheel turns", "rad/s", 0.0, 1000.0)] = 0.0
     cmd_vel_timeout: Annotated[float, Spec("time without a command after which the robot stops", "s", *TIMEOUT)] = 0.5
 
 
 @known_fields
 class DetectorConfig(NamedTuple):
-    """Where the dock is, and how it is detected. Errors are uniform and independent."""
+    """Pose of the dock, and its detector. The errors of detections are uniform and independent."""
 
     dock_x: Annotated[float, Spec("x of the docked robot in map", "m", *POSITION)] = 0.0
     dock_y: Annotated[float, Spec("y of the docked robot in map", "m", *POSITION)] = 0.0
@@ -80,7 +77,7 @@ class DetectorConfig(NamedTuple):
     detection_delay: Annotated[float, Spec("time from a measurement to its arrival", "s", *_DELAY)] = 0.1
     detection_dropout: Annotated[float, Spec("share of detections that are lost", "-", *_SHARE)] = 0.2
     detection_outlier: Annotated[float, Spec("share of detections that are 0.5 m off", "-", *_SHARE)] = 0.0
-    detection_behind: Annotated[bool, Spec("the robot docks with its rear, and touches the dock there")] = False
+    detection_behind: Annotated[bool, Spec("true if the robot docks with its rear")] = False
 
 
 @known_fields
@@ -93,19 +90,20 @@ class SensorConfig(NamedTuple):
     eps_xy_distance: Annotated[
         float,
         Spec(
-            "distance to map's origin within which the errors of x and y are proportional to it; 0: none",
+            "distance to map's origin within which the errors of x and y are proportional to this distance; 0: none",
             "m",
             *DISTANCE,
         ),
     ] = 0.0
     fix_delay: Annotated[float, Spec("time from a measurement to its arrival", "s", *_DELAY)] = 0.0
     fix_noise_correlation: Annotated[
-        float, Spec("correlation of the errors of successive fixes, AR(1); it keeps their variance", "-", 0.0, 0.999)
+        float,
+        Spec("AR(1) correlation of the errors of successive fixes; it does not change their variance", "-", 0.0, 0.999),
     ] = 0.0
     fix_dropout: Annotated[float, Spec("share of fixes that are lost", "-", *_SHARE)] = 0.0
     fix_outlier: Annotated[float, Spec("share of fixes that are 3 m off", "-", *_SHARE)] = 0.0
     fix_covariance_scale: Annotated[
-        float, Spec("covariance that fixes claim, relative to the true one", "-", 1e-6, 1e6)
+        float, Spec("covariance in the messages of fixes, relative to the true covariance", "-", 1e-6, 1e6)
     ] = 1.0
     heading_rate: Annotated[float, Spec("rate of heading; 0: none", "Hz", *_RATE)] = 0.0
     heading_error_max: Annotated[float, Spec("bound of the error of heading", "rad", 0.0, math.pi)] = 0.087
@@ -120,7 +118,7 @@ class SensorConfig(NamedTuple):
 
 @known_fields
 class StartPose(NamedTuple):
-    """Initial pose of the robot; the default is that of the paper's simulation A."""
+    """Initial pose of the robot. The default is the start of the paper's simulation A."""
 
     x: Annotated[float, Spec("start x in map", "m", *POSITION, parameter="initial_pose.x")] = -2.0
     y: Annotated[float, Spec("start y in map", "m", *POSITION, parameter="initial_pose.y")] = -5.5
@@ -131,7 +129,7 @@ class StartPose(NamedTuple):
 
 @known_fields
 class WorldConfig(NamedTuple):
-    """Plant, sensors, start, and the seed of all random numbers."""
+    """Plant, sensors, start, and seed of all random numbers."""
 
     plant: PlantConfig = PlantConfig()
     sensors: SensorConfig = SensorConfig()
@@ -141,20 +139,6 @@ class WorldConfig(NamedTuple):
     landmarks: LandmarkMap = LandmarkMap()
 
 
-def dock_of(config: DetectorConfig) -> Pose:
+def dock_pose(config: DetectorConfig) -> Pose:
     """Return the pose of the docked robot in map."""
     return Pose(config.dock_x, config.dock_y, config.dock_yaw)
-
-
-def check_detector(config: SensorConfig) -> None:
-    """Refuse detections that a loop of one filter cannot use: with a detector, map is the frame of the dock.
-
-    Raises:
-        InvalidValueError: for a detector together with fixes, or a dock that is not at the origin.
-    """
-    if config.detector.detection_rate <= 0.0:
-        return
-    if config.fix_rate > 0.0:
-        raise InvalidValueError("fix_rate", config.fix_rate, "0 with a detection_rate: these loops have one filter")
-    if dock_of(config.detector) != (0.0, 0.0, 0.0):
-        raise InvalidValueError("dock_x, dock_y, dock_yaw", tuple(dock_of(config.detector)), "0 in these loops")

@@ -1,7 +1,6 @@
-"""Makes pure functions callable from compiled code, from outside: they themselves know nothing of numba.
+"""Compile pure functions with numba. The functions themselves do not import numba.
 
-``numba.extending.register_jitable`` registers each pure function with the compiler; all other callers still get the
-plain Python function.
+``numba.extending.register_jitable`` registers a function with the compiler; Python code still calls the plain function.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ from diffbot_core.errors import DiffbotError
 from diffbot_core.files import cache_folder
 from diffbot_core.installed import DIGITS, hash_of_code
 from diffbot_sim import compiled_kalman, fusion
-from diffbot_sim.references import borrowed, referred
+from diffbot_sim.references import borrowed, reference_to
 
 try:
     import numba
@@ -34,25 +33,25 @@ except ImportError as error:
     raise DiffbotError("compiled simulation needs numba: pip install 'numba>=0.60'") from error
 
 PACKAGES = ("diffbot_core", "diffbot_control", "diffbot_sim")
-"""Packages that decide the results of a run."""
+"""Packages whose code determines the results of a run."""
 LIBRARIES = ("llvmlite", "numba", "numpy")
-"""Libraries that compile it and compute with it."""
+"""Libraries whose versions may change the results."""
 _settings: Any = numba.config
-_REPLACED: dict[Any, Any] = {
+_REPLACEMENTS: dict[Any, Any] = {
     **compiled_kalman.LOOPS,
     fusion.borrowed: borrowed,
-    fusion.referred: referred,
+    fusion.reference_to: reference_to,
 }
-"""Functions for which compiled code calls others."""
+"""Functions that compiled code replaces by others."""
 _registered: set[Any] = set()
-"""functions that compiled code may call"""
+"""Functions that compiled code may call."""
 
 
 def reachable_functions(*roots: Any) -> list[FunctionType]:
-    """Return ``roots`` and all Python functions that they can call by a name, each once.
+    """Return ``roots`` and all Python functions that they call by name, directly or indirectly, each once.
 
-    Names are looked up in the module of each function and in its closure; ``module.function`` is followed, too. What is
-    called as an attribute of an object is not found: laws are pure functions and have none.
+    The search looks up names in the module and in the closure of each function, and follows ``module.function``. It
+    does not find methods of objects, which pure functions do not call.
     """
     found: dict[FunctionType, None] = {}
     waiting = [one for one in roots if isinstance(one, FunctionType)]
@@ -60,7 +59,7 @@ def reachable_functions(*roots: Any) -> list[FunctionType]:
         function = waiting.pop()
         if function not in found:
             found[function] = None
-            if function not in _REPLACED:
+            if function not in _REPLACEMENTS:
                 waiting += [one for one in _called(function) if not _is_of_library(one)]
     return list(found)
 
@@ -79,7 +78,7 @@ def _called(function: FunctionType) -> Iterator[FunctionType]:
 
 
 def _names(code: CodeType) -> list[str]:
-    """Return the names of globals and attributes in a function's code and in those defined inside it."""
+    """Return the names of globals and attributes in a function's code and in the functions defined inside it."""
     return [*code.co_names, *(name for one in code.co_consts if isinstance(one, CodeType) for name in _names(one))]
 
 
@@ -88,7 +87,7 @@ def _is_of_library(function: FunctionType) -> bool:
 
 
 def source_hash(*roots: Any, name: str = "") -> str:
-    """Return a hash of a name and of the source files of all functions that ``roots`` can call."""
+    """Return a hash of a name and of the source files of all functions that ``roots`` call."""
     files = {inspect.getsourcefile(one) for one in reachable_functions(*roots)}
     digest = hashlib.sha256(name.encode())
     for path in sorted((Path(one) for one in files if one and Path(one).is_file()), key=lambda one: one.name):
@@ -97,7 +96,7 @@ def source_hash(*roots: Any, name: str = "") -> str:
 
 
 def law_version(law: type[Law]) -> str:
-    """Return a hash of a law's name and of the files that its functions and its configuration are in."""
+    """Return a hash of a law's name and of the source files of its functions and its configuration."""
     config = inspect.getsourcefile(law.Config)
     text = Path(config).read_text() if config else ""
     return source_hash(law.new_memory, law.step, name=law.name + text)
@@ -105,23 +104,23 @@ def law_version(law: type[Law]) -> str:
 
 @functools.cache
 def code_version() -> str:
-    """Return the hash that names the code of a run."""
+    """Return the hash of the code that determines a run."""
     return hash_of_code(PACKAGES, LIBRARIES)
 
 
 @functools.cache
 def _cache_folder() -> Path:
-    """Return the folder of the cache, named after the code.
+    """Return the folder of numba's cache, named after the code.
 
-    numba looks only at the file of the function it compiles; it would miss a change in a function called from there
-    and run the old code.
+    Numba checks only the file of the compiled function. It would not notice a change in a called function, and run the
+    old code.
     """
     try:
         folder = Path(_settings.CACHE_DIR or cache_folder()) / code_version()
         folder.mkdir(parents=True, exist_ok=True)
         return folder
     except (DiffbotError, OSError) as error:
-        logging.getLogger("diffbot").warning("compiling without a cache: %s", error)
+        logging.getLogger("diffbot").warning("no cache for compiled code, each process compiles again: %s", error)
         made = Path(tempfile.mkdtemp(prefix="diffbot-"))
         atexit.register(shutil.rmtree, made, ignore_errors=True)
         return made
@@ -129,8 +128,8 @@ def _cache_folder() -> Path:
 
 @contextlib.contextmanager
 def _numba_settings(version: str = "") -> Iterator[None]:
-    """Let numba use this project's cache and its level of optimisation in the ``with`` block, and nowhere else."""
-    # The loops are as fast as with the highest level of optimisation, and compile in 0.7 of the time.
+    """Set numba's cache folder and level of optimisation within the ``with`` block only."""
+    # Level 1 compiles in 0.7 of the time of the highest level, and the loops are equally fast.
     changed = {"CACHE_DIR": str(_cache_folder() / version), "OPT": type(_settings.OPT)(1)}
     usual = {name: getattr(_settings, name) for name in changed}
     try:
@@ -144,10 +143,10 @@ def _numba_settings(version: str = "") -> Iterator[None]:
 
 @contextlib.contextmanager
 def one_compiler(version: str) -> Iterator[None]:
-    """Let one process at a time into the ``with`` block, where it compiles; the next ones find the result in the cache.
+    """Let only one process at a time compile. The others wait, and then load the result from the cache.
 
     Args:
-        version: of what is compiled, as for :func:`compile_kernel`; different versions do not wait for each other.
+        version: as for :func:`compile_kernel`; different versions do not wait for each other.
     """
     folder = _cache_folder() / version
     folder.mkdir(parents=True, exist_ok=True)
@@ -157,48 +156,48 @@ def one_compiler(version: str) -> Iterator[None]:
 
 
 def register(*roots: Any) -> None:
-    """Let compiled code call functions, and all that they call."""
+    """Register functions, and all functions that they call, with the compiler."""
     for function in reachable_functions(*roots):
         if function not in _registered:
             _registered.add(function)
-            if function in _REPLACED:
-                _replace(function, _REPLACED[function])
+            if function in _REPLACEMENTS:
+                _replace(function, _REPLACEMENTS[function])
                 continue
             options = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "error_model": "numpy"}
-            register_jitable(**options, forceinline=_is_inlined(function), cache=function in _KEPT)(function)
+            register_jitable(**options, forceinline=_is_inlined(function), cache=function in _CACHED)(function)
 
 
-def _replace(function: Any, loop: Any) -> None:
-    """Let compiled code call ``loop`` where it says ``function``."""
-    register(*reachable_functions(loop))
+def _replace(function: Any, replacement: Any) -> None:
+    """Make compiled code call ``replacement`` instead of ``function``."""
+    register(*reachable_functions(replacement))
 
     def chosen(*_: Any) -> Any:
-        return loop
+        return replacement
 
     overload(function, strict=False, jit_options={"error_model": "numpy"})(chosen)
 
 
-_KEPT = (fusion.estimate,)
-"""Functions that take long to compile and are the same under all laws: they are compiled once."""
+_CACHED = (fusion.estimate,)
+"""Functions that take long to compile and do not depend on the law. Numba caches them separately."""
 
 
 def _is_inlined(function: FunctionType) -> bool:
-    """Return True for a function to be put into its callers.
+    """Return True if a function is inlined into its callers.
 
-    Robot and law are then kept in registers, which more than doubles the speed of the loop. The filter works on arrays:
-    it gains nothing from it, and takes minutes to compile.
+    Inlining keeps the states of robot and law in registers, which more than doubles the speed of the loop. The filter
+    works on arrays: inlining does not make it faster, but takes minutes to compile.
     """
     return not function.__module__.startswith(("diffbot_control.filter", "diffbot_sim.fusion", "diffbot_sim.compiled"))
 
 
 def compile_kernel(function: Any, version: str = "") -> Any:
-    """Compile a function and all that it calls, at its first call.
+    """Return a function that is compiled at its first call, together with all functions that it calls.
 
-    It releases the interpreter's lock, so threads run in parallel.
+    The compiled function releases the interpreter's lock, so threads run in parallel.
 
     Args:
-        function: to be compiled.
-        version: hash of code that is not of this package; the cache is in a folder of its own.
+        function: the function to compile.
+        version: hash of code outside of this package; each version has its own cache folder.
     """
     register(*(one for one in reachable_functions(function) if one is not function))
     with _numba_settings(version):

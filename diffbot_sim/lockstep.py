@@ -1,10 +1,10 @@
-"""The lock-step protocol: the simulated robot takes a step when the controller has answered the present one.
+"""Lock-step protocol: the simulated robot moves when the controller has answered the present step.
 
-Free of ROS: :class:`LockStep` decides when a step is sent and when the robot moves; a :class:`Plant` does it. The stamp
-of a TwistStamped names the pose that it answers, so an answer to another step is ignored. The filter's inputs of a step
-are sent before its odometry, which the filter answers.
+This module does not use ROS. :class:`LockStep` decides when a step is sent and when the robot moves. A :class:`Plant`
+sends the messages and moves the robot. The stamp of a TwistStamped is the stamp of the pose that it answers, so answers
+to other steps are ignored. The plant sends the odometry of a step last, since the filter answers it.
 
-A node that does not answer must not stop the simulation for ever: after a stall the robot moves on with zero command.
+If a node does not answer, the robot moves on with zero command after some seconds. Otherwise the simulation would stop.
 """
 
 from __future__ import annotations
@@ -14,71 +14,71 @@ from typing import Protocol
 from diffbot_core.kinematics import Twist
 
 SETTLED_POLLS = 10
-"""Polls in a row that must find the same neighbours: the two ends of a connection learn of it at different times."""
+"""Polls in a row that must find the same connections: DDS reports a connection to its two ends at different times."""
 STALLED_CHECKS = 5
-"""Checks in a row without an answer after which the robot moves on; from then on each check, until an answer comes."""
+"""Checks in a row without an answer before the robot moves on. Until the next answer, it then moves at each check."""
 MAX_STEPS_WITHOUT_FIX = 1000
-"""Steps for which a late or lost first fix is awaited."""
+"""Steps after which the robot no longer waits for its first fix."""
 _STEPS_PER_POLL = 5
-"""Steps taken in one poll while the first fix is awaited."""
+"""Steps in one poll while the robot waits for its first fix."""
 NO_FILTER, NO_FIX, NO_COMMAND = "no filter", "no fix", "no command"
-"""What LockStep reports: no filter is connected; no fix came in MAX_STEPS_WITHOUT_FIX steps; a step is unanswered."""
+"""Events: no filter is connected; no fix arrived in MAX_STEPS_WITHOUT_FIX steps; the controller did not answer."""
 _STOP = Twist(0.0, 0.0)
 
 
 class Plant(Protocol):
-    """What the protocol needs of the simulated robot and its connections."""
+    """Simulated robot and connections, as the protocol uses them."""
 
     @property
     def step(self) -> int:
-        """Number of the present step."""
+        """Return the number of the present step."""
 
     @property
     def stamp(self) -> int:
-        """Time [ns] of the present step."""
+        """Return the time [ns] of the present step."""
 
     def advance(self, command: Twist) -> None:
         """Hold ``command`` for one step."""
 
     def publish(self) -> None:
-        """Send all messages of the present step; the filter and then the controller answer the last of them."""
+        """Send all messages of the present step. The filter answers the last message, and the controller the filter."""
 
     def publish_truth(self) -> None:
-        """Send only time and true state of the present step, which get no answer."""
+        """Send only time and true state of the present step, which no node answers."""
 
     def awaits_first_fix(self) -> bool:
-        """True if there are fixes, and none arrives at the present step."""
+        """Return True if the plant sends fixes, but no fix arrives at the present step."""
 
     def connections(self) -> tuple[int, ...] | None:
-        """How many nodes are connected to each topic; None until a filter is connected to all that it needs."""
+        """Return the number of nodes on each topic; None until a filter is connected to all topics that it needs."""
 
     def report(self, event: str) -> None:
         """Log NO_FILTER, NO_FIX or NO_COMMAND."""
 
 
 class LockStep:
-    """Sends steps and moves the plant; to be called when a command arrives, and by two timers."""
+    """State of the protocol. Commands and two timers call its methods."""
 
     def __init__(self, plant: Plant, *, paused: bool = False) -> None:
-        """Wait for a filter; :meth:`on_poll` is to be called periodically from now on."""
+        """Wait for a filter. A timer has to call :meth:`on_poll` from now on."""
         self._plant, self._paused = plant, paused
         self._answer: Twist | None = None
         self.is_started = False
-        """the first step was sent"""
+        """True once the first step is sent"""
         self._connections: tuple[int, ...] | None = None
         self._settled_polls = self._checks = 0
         self._stalls = False
         self.unanswered = 0
-        """steps that no command answered"""
+        """number of steps without an answer"""
 
     def on_command(self, command: Twist, stamp: int) -> None:
-        """Take the controller's answer to the pose of ``stamp`` [ns]."""
+        """Move the robot if the command answers the pose of the present step; ``stamp`` in ns."""
         if self.is_started and stamp == self._plant.stamp:
             self._answer, self._stalls = command, False
             self._advance_if_answered()
 
     def on_poll(self) -> None:
-        """Before the first step, look for a filter and for its first fix."""
+        """Check the connections, and send the first step when a filter is connected and the first fix arrives."""
         if self.is_started:
             return
         before, self._connections = self._connections, self._plant.connections()
@@ -88,7 +88,7 @@ class LockStep:
             self._try_to_start()
 
     def on_stall_check(self) -> None:
-        """Move on with zero command if no answer has come for some checks; to be called about once a second."""
+        """Move the robot with zero command if several checks found no answer. A timer calls this once per second."""
         if self._paused or not self.is_started or self._answer is not None:
             self._checks = 0
             return
@@ -101,19 +101,19 @@ class LockStep:
             self._advance_if_answered()
 
     def set_paused(self, paused: bool) -> None:
-        """Hold the robot at the present step, or let it go on."""
+        """Pause or resume the simulation."""
         self._paused = paused
         self._advance_if_answered()
 
     def reset(self) -> None:
-        """Start again, with the plant at its first step: wait for connections to settle and for the first fix."""
+        """Start again with the plant at its first step: wait for stable connections and for the first fix."""
         self._settled_polls, self._answer, self.is_started, self._stalls = 0, None, False, False
 
     def _try_to_start(self) -> None:
-        """Send the first step once a filter is connected and has a fix to start from.
+        """Send the first step if a filter is connected and the first fix arrives.
 
-        A first fix that the filter misses would give a different run. While it is late only time passes: without a pose
-        the filter cannot answer odometry.
+        The connections must be stable first, since a run whose first fix is lost would be a different run. Until the
+        first fix, the plant sends no odometry, because a filter without a pose cannot answer it.
         """
         if self._settled_polls < SETTLED_POLLS:
             self._plant.report(NO_FILTER)

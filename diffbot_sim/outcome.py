@@ -1,4 +1,4 @@
-"""What is kept of a run: figures summed up step by step. One formula for the reference loop and the compiled loop."""
+"""Outcome of a run, accumulated step by step, for the reference loop and the compiled loop."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from diffbot_core.geometry import Pose, into_frame, wrap_angle
 from diffbot_core.kinematics import Twist
 
 TURNING_RADIUS = 1.0
-"""[m] turns are summed up while the robot is that near"""
+"""[m] distance from the goal within which turns are summed"""
 
 
 class Outcome(NamedTuple):
-    """What is kept of a run."""
+    """Result of a run."""
 
     x: float
     """[m] true end pose in the goal's frame"""
@@ -29,21 +29,21 @@ class Outcome(NamedTuple):
     effort: float
     """integral of v^2 + omega^2 over time [m^2/s + rad^2/s]"""
     switches: float
-    """changes of region"""
+    """number of changes of region"""
     local_time: float
-    """[s] when Omega_L was entered first; nan if never"""
+    """[s] of the first entry into Omega_L; nan if there is none"""
     estimation_error: float
-    """[m] distance of the controller's last feedback from the truth; nan if it never had one"""
+    """[m] distance between the last pose that the controller received and the true pose; nan if it received none"""
     turning: float
-    """[rad] sum of |turns| of the true pose while within TURNING_RADIUS of the goal"""
+    """[rad] sum of the absolute turns of the true pose within TURNING_RADIUS of the goal"""
     reached_time: float
-    """[s] when the law reported the goal as reached first; nan if never"""
+    """[s] when the law first reported the goal as reached; nan if it did not"""
     false_reached: float
-    """1 if the true pose was outside the tolerances then, else 0"""
+    """1 if the true pose was outside the tolerances at that time, else 0"""
 
 
 class Criteria(NamedTuple):
-    """What a run is measured by."""
+    """Goal, tolerances and length of a run."""
 
     goal: Pose
     """in map"""
@@ -54,39 +54,38 @@ class Criteria(NamedTuple):
     sampling_time: float
     """[s]"""
     steps: int
-    """of the run; poses are one more"""
+    """of the run, which has one pose more"""
 
 
 class LawState(NamedTuple):
-    """What the law reports at the start of a step."""
+    """Region and answer of the law at the start of a step."""
 
     region: int
-    """in force"""
     reached: bool
-    """the goal is reached"""
+    """True if the law reports the goal as reached"""
 
 
 class RunTotals(NamedTuple):
-    """What is summed up along a run."""
+    """Totals of the steps of a run so far."""
 
     last_outside: int
-    """last step outside the tolerances, -1 for none"""
+    """last step outside the tolerances, -1 if there is none"""
     path_length: float
     """[m]"""
     effort: float
     """[m^2/s + rad^2/s]"""
     local_time: float
-    """[s] nan until Omega_L is entered"""
+    """[s] nan until the robot enters Omega_L"""
     region: int
-    """in force in the last step"""
+    """in the last step"""
     switches: int
-    """changes of region"""
+    """number of changes of region"""
     turning: float
-    """[rad] within TURNING_RADIUS"""
+    """[rad] within TURNING_RADIUS of the goal"""
     reached_time: float
     """[s] nan until the law reports the goal as reached"""
     false_reached: float
-    """1 if that was outside the tolerances"""
+    """1 if the true pose was outside the tolerances at that time"""
 
 
 def new_totals() -> RunTotals:
@@ -97,16 +96,16 @@ def new_totals() -> RunTotals:
 def add_step(
     totals: RunTotals, criteria: Criteria, step: int, law: LawState, command: Twist, before: Pose, after: Pose
 ) -> RunTotals:
-    """Add one step.
+    """Return the totals with one more step.
 
     Args:
-        totals: of the steps before.
+        totals: of the previous steps.
         criteria: of the run.
-        step: its number, 0 .. ``criteria.steps``; in the last one nothing moves.
-        law: region and answer of the law at its start.
-        command: [m/s, rad/s] held over it.
-        before: true pose at its start, in map.
-        after: true pose at its end, in map; ``before`` in the last step.
+        step: number of the step, 0 .. ``criteria.steps``. The robot does not move in the last step.
+        law: region and answer of the law at the start of the step.
+        command: [m/s, rad/s] held over the step.
+        before: true pose at the start of the step, in map.
+        after: true pose at the end of the step, in map.
     """
     t_s = criteria.sampling_time
     local = into_frame(before, criteria.goal)
@@ -133,10 +132,10 @@ def outcome_of(totals: RunTotals, criteria: Criteria, feedback: Pose, has_feedba
     """Return the outcome of a run.
 
     Args:
-        totals: of all its steps.
+        totals: of all steps.
         criteria: of the run.
-        feedback: last pose given to the controller.
-        has_feedback: False if there never was one.
+        feedback: last pose that the controller received.
+        has_feedback: False if it received none.
         pose: true pose at the end, in map.
     """
     local = into_frame(pose, criteria.goal)

@@ -21,14 +21,14 @@ class PlantNodeConfig(NamedTuple):
     clock: Annotated[
         str,
         Spec(
-            "pace of the simulation: real time, real time times a factor, or the answers of the controller",
+            "pace of the simulation: real time, real time times a factor, or one step per answer of the controller",
             choices=CLOCKS,
             read_only=True,
         ),
     ] = WALL
     real_time_factor: Annotated[
         float,
-        Spec("simulated time per real time with clock: scaled", minimum=0.001, maximum=1000.0, read_only=True),
+        Spec("simulated time per real time, with clock: scaled", minimum=0.001, maximum=1000.0, read_only=True),
     ] = 1.0
     start_time: Annotated[
         float, Spec("time of the first step; 0: now", "s since 1970", minimum=0.0, maximum=2e9, read_only=True)

@@ -1,17 +1,17 @@
-"""The true motion of the robot: drives, noise, kinematics, encoders. Pure functions of floats.
+"""True motion of the robot: drives, noise, kinematics, encoders. Pure functions of floats.
 
-A command passes these stages in this order. Each is off by default and then changes no bit:
+A command passes these stages in this order. Each stage is off by default and then does not change the command:
 
 1. dead time of the link and the base driver (:func:`delayed_command`),
-2. the base driver's acceleration limiter, each axis of the twist by itself and once a sampling time,
+2. acceleration limits of the base driver, separately for v and omega, once in each sampling time,
 3. saturation of the wheels, which keeps the curvature,
-4. a first-order lag of each wheel, tau dw/dt = u - w, solved exactly for a target u that is constant over the step,
-5. a dead band: a wheel stands if its drive turns more slowly than ``dead_band``.
+4. first-order lag of each wheel, tau dw/dt = u - w, solved exactly for a target u that is constant over the step,
+5. dead band: a wheel stands still if its drive turns more slowly than ``dead_band``.
 
-The drives do not hold their speed exactly. The body moves with the true wheels; a wheel that slips loses part of its
-motion on the ground, which its encoder does not measure. The encoders measure the true wheel angles with an error. The
-paper's input noise (Eqs. (6), (7)) comes in two forms that may be combined: added to v and omega (``eps_v_max``,
-``eps_omega_max``, section 4.1), and as its cause, a relative error of each wheel's speed (``drive_noise``).
+The wheels do not turn exactly at the speed of their drives. The robot moves with the true wheels. A slipping wheel
+loses part of its motion on the ground, which its encoder does not measure. The encoders measure the true wheel angles
+with an error. The paper's input noise (Eqs. (6), (7)) has two forms, which can be combined: noise added to v and omega
+(``eps_v_max``, ``eps_omega_max``, section 4.1), and a relative error of each wheel's speed (``drive_noise``).
 """
 
 from __future__ import annotations
@@ -21,28 +21,28 @@ from typing import Any, NamedTuple
 
 from diffbot_core.geometry import Pose, into_frame, wrap_angle
 from diffbot_core.kinematics import Twist, WheelGeometry, WheelSpeeds, body_twist, wheel_speeds
-from diffbot_sim.config import DetectorConfig, PlantConfig, dock_of
+from diffbot_sim.config import DetectorConfig, PlantConfig, dock_pose
 from diffbot_sim.noise import FURTHER, MOTION, half_normal, uniform
 
 _STRAIGHT = 1e-6
-"""[rad] turns below it are integrated by their series: the quotient of the arc loses digits there."""
+"""[rad] half turn below which sin(x) / x is replaced by its series, since the quotient loses digits"""
 DOCK_HALF_WIDTH = 0.2
-"""[m] of the dock that the robot runs against"""
+"""[m] half width of the dock, and its depth"""
 
 
 class DriveState(NamedTuple):
-    """What the actuators remember of the last step."""
+    """State of the drives after a step."""
 
     limited: Twist = Twist(0.0, 0.0)
-    """command after the base driver's acceleration limiter"""
+    """command after the acceleration limits"""
     lagged: WheelSpeeds = WheelSpeeds(0.0, 0.0)
-    """[rad/s] speeds that the drives had reached at the end of the step, without the dead band"""
+    """[rad/s] speeds of the drives at the end of the step, before the dead band"""
     turning: WheelSpeeds = WheelSpeeds(0.0, 0.0)
-    """[rad/s] mean speeds over the step with the dead band; 0 means that the wheel stands"""
+    """[rad/s] mean speeds over the step, after the dead band"""
 
 
 class PlantState(NamedTuple):
-    """Truth and encoders after a number of steps."""
+    """True state and encoders after a number of steps."""
 
     pose: Pose
     """true pose in ``map``"""
@@ -50,13 +50,13 @@ class PlantState(NamedTuple):
     """true mean twist over the last step"""
     drives: DriveState = DriveState()
     encoder: WheelSpeeds = WheelSpeeds(0.0, 0.0)
-    """[rad/s] mean speeds over the last step as the encoders measured them"""
+    """[rad/s] measured mean speeds over the last step"""
     angles: WheelSpeeds = WheelSpeeds(0.0, 0.0)
-    """[rad] wheel angles counted by the encoders"""
+    """[rad] measured wheel angles"""
     odometry: Pose = Pose(0.0, 0.0, 0.0)
     """pose in ``odom``, integrated from the encoders"""
     step: int = 0
-    """number of steps taken"""
+    """number of completed steps"""
 
 
 def new_plant(pose: Pose) -> PlantState:
@@ -70,19 +70,19 @@ def plant_step(state: PlantState, command: Twist, noise: Any, config: PlantConfi
 
     Args:
         state: before the step.
-        command: requested twist, held over the step; after the dead time, see :func:`delayed_command`.
+        command: twist that arrives at the base driver in this step, see :func:`delayed_command`.
         noise: (purposes, 4) numbers in [0, 1) of this step, see :mod:`noise`.
         config: robot, noise bounds and faults.
     """
     t_s = config.sampling_time
-    drives = _drive(state.drives, command, config)
+    drives = _drives_step(state.drives, command, config)
     turned = WheelSpeeds(
         drives.turning.left * (1.0 + uniform(noise[MOTION, 0], config.drive_noise)),
         drives.turning.right * (1.0 + uniform(noise[MOTION, 1], config.drive_noise)),
     )
     wheels = config.wheels
     true_wheels = WheelGeometry(wheels.wheel_radius, wheels.wheel_separation * (1.0 + config.separation_error))
-    ideal = body_twist(_rolled(turned, noise, state.step, config), true_wheels)
+    ideal = body_twist(_effective_speeds(turned, noise, state.step, config), true_wheels)
     added = Twist(uniform(noise[MOTION, 0], config.eps_v_max), uniform(noise[MOTION, 1], config.eps_omega_max))
     twist = Twist(ideal.v + added.v, ideal.omega + added.omega)
     # The added noise turns the wheels, so the encoders measure it too.
@@ -115,20 +115,20 @@ def integrate(pose: Pose, twist: Twist, t_s: float, exact_arc: bool) -> Pose:
 
 
 def command_rows(delay: float, sampling_time: float) -> int:
-    """Return how many commands :func:`delayed_command` needs to remember; 0 without a delay [s]."""
+    """Return the number of commands that :func:`delayed_command` has to store; 0 for no delay [s]."""
     return math.ceil(delay / sampling_time) + 2 if delay > 0.0 else 0
 
 
 def delayed_command(record: Any, step: int, command: Twist, delay: float, sampling_time: float) -> Twist:
-    """Remember a command and return the mean command that is in force over this step, ``delay`` [s] late.
+    """Store a command and return the mean command over this step after a dead time.
 
-    If the delay is not a whole number of steps, the step begins under the older of two commands. They are mixed by
+    If the delay is not a whole number of steps, two commands act during the step. The result is their mean, weighted by
     their shares of the step. Before step 0 the command is zero.
 
     Args:
-        record: (n, 2) ring of the newest commands, zero at first; n = 0 or at least :func:`command_rows`.
+        record: (n, 2) ring buffer of the newest commands, initially zero; n = 0 or at least :func:`command_rows`.
         step: number of the present step.
-        command: requested in it.
+        command: requested in the present step.
         delay: dead time [s].
         sampling_time: [s].
     """
@@ -137,7 +137,7 @@ def delayed_command(record: Any, step: int, command: Twist, delay: float, sampli
         return command
     record[step % rows, 0], record[step % rows, 1] = command.v, command.omega
     late = delay / sampling_time
-    # With a margin for rounding: 0.3 s are three steps of 0.1 s.
+    # The margin is for rounding: 0.3 s are three steps of 0.1 s.
     whole = math.floor(late + 1e-9)
     newer, older = (step - whole) % rows, (step - whole - 1) % rows
     share = late - whole
@@ -149,14 +149,14 @@ def delayed_command(record: Any, step: int, command: Twist, delay: float, sampli
     )
 
 
-def meets_dock(pose: Pose, config: DetectorConfig) -> bool:
-    """Return True if a robot at ``pose`` in map is not before its dock any more but against it."""
-    lateral = into_frame(pose, dock_of(config)).y
+def touches_dock(pose: Pose, config: DetectorConfig) -> bool:
+    """Return True if a robot at ``pose`` in map touches its dock."""
+    lateral = into_frame(pose, dock_pose(config)).y
     return 0.0 <= _depth_at_dock(pose, config) <= DOCK_HALF_WIDTH and abs(lateral) <= DOCK_HALF_WIDTH
 
 
-def held_by_dock(before: PlantState, after: PlantState, config: DetectorConfig) -> PlantState:
-    """Return the state of a robot that stood against its dock: it cannot get farther, and its wheels are stalled."""
+def stopped_by_dock(before: PlantState, after: PlantState, config: DetectorConfig) -> PlantState:
+    """Return the state after a step that began at the dock, which stops the robot and stalls its wheels."""
     if _depth_at_dock(after.pose, config) <= _depth_at_dock(before.pose, config):
         return after
     rest = WheelSpeeds(0.0, 0.0)
@@ -166,17 +166,17 @@ def held_by_dock(before: PlantState, after: PlantState, config: DetectorConfig) 
 
 
 def _depth_at_dock(pose: Pose, config: DetectorConfig) -> float:
-    """Return how far [m] a robot at ``pose`` in map is beyond the docked one."""
-    x = into_frame(pose, dock_of(config)).x
+    """Return the distance [m] by which a robot at ``pose`` in map is beyond the pose of the docked robot."""
+    x = into_frame(pose, dock_pose(config)).x
     return -x if config.detection_behind else x
 
 
-def _drive(state: DriveState, command: Twist, config: PlantConfig) -> DriveState:
-    """Turn the wheels for one sampling time under a command that has arrived at the base driver."""
+def _drives_step(state: DriveState, command: Twist, config: PlantConfig) -> DriveState:
+    """Return the state of the drives after one sampling time under a command that has arrived at the base driver."""
     t_s, tau = config.sampling_time, config.drive_time_constant
     limited = Twist(
-        _towards(state.limited.v, command.v, config.acceleration_max * t_s),
-        _towards(state.limited.omega, command.omega, config.angular_acceleration_max * t_s),
+        _limit_change(state.limited.v, command.v, config.acceleration_max * t_s),
+        _limit_change(state.limited.omega, command.omega, config.angular_acceleration_max * t_s),
     )
     requested = wheel_speeds(limited, config.wheels)
     fastest = max(abs(requested.left), abs(requested.right))
@@ -185,31 +185,31 @@ def _drive(state: DriveState, command: Twist, config: PlantConfig) -> DriveState
     lagged, mean = drive, drive
     if tau > 0.0:
         left, right = state.lagged.left - drive.left, state.lagged.right - drive.right
-        # What is left of the difference at the end of the step, and its mean over the step.
+        # Remaining share of the difference: at the end of the step, and in the mean over the step.
         end, share = math.exp(-t_s / tau), -math.expm1(-t_s / tau) / (t_s / tau)
         lagged = WheelSpeeds(drive.left + left * end, drive.right + right * end)
         mean = WheelSpeeds(drive.left + left * share, drive.right + right * share)
-    turning = WheelSpeeds(_turning(mean.left, config.dead_band), _turning(mean.right, config.dead_band))
+    turning = WheelSpeeds(_apply_dead_band(mean.left, config.dead_band), _apply_dead_band(mean.right, config.dead_band))
     return DriveState(limited, lagged, turning)
 
 
-def _towards(before: float, requested: float, change: float) -> float:
-    """Return ``requested``, but at most ``change`` away from ``before``."""
+def _limit_change(before: float, requested: float, change: float) -> float:
+    """Return ``requested``, limited to +-``change`` around ``before``."""
     return min(max(requested, before - change), before + change)
 
 
-def _turning(speed: float, dead_band: float) -> float:
-    """Return the speed [rad/s] of a wheel whose drive turns at ``speed``."""
+def _apply_dead_band(speed: float, dead_band: float) -> float:
+    """Return the speed of a wheel whose drive turns at ``speed`` [rad/s]."""
     return 0.0 if abs(speed) < dead_band else speed
 
 
-def _rolled(turned: WheelSpeeds, noise: Any, step: int, config: PlantConfig) -> WheelSpeeds:
-    """Return the speeds of nominal wheels that move the robot as the true ones do, with radius errors and slip."""
+def _effective_speeds(turned: WheelSpeeds, noise: Any, step: int, config: PlantConfig) -> WheelSpeeds:
+    """Return the speeds at which wheels without radius errors and slip would move the robot in the same way."""
     left, right = turned.left * (1.0 + config.left_radius_error), turned.right * (1.0 + config.right_radius_error)
     if config.slip_noise > 0.0:
         lost_left, lost_right = half_normal(noise[FURTHER, 2], noise[FURTHER, 3], config.slip_noise)
         left, right = left * (1.0 - min(lost_left, 1.0)), right * (1.0 - min(lost_right, 1.0))
-    # In steps, with a margin for rounding: 1.1 s and 3.2 s make 43 steps of 0.1 s.
+    # In steps. The margin is for rounding: 1.1 s and 3.2 s are 43 steps of 0.1 s.
     begin = config.slip_start / config.sampling_time - 1e-9
     end = (config.slip_start + config.slip_duration) / config.sampling_time - 1e-9
     if begin <= step < end:
@@ -218,7 +218,7 @@ def _rolled(turned: WheelSpeeds, noise: Any, step: int, config: PlantConfig) -> 
 
 
 def _kidnapped(pose: Pose, step: int, config: PlantConfig) -> Pose:
-    """Return the pose, displaced if the robot is kidnapped in this step, the one that ends at ``kidnap_time``."""
+    """Return the pose, displaced if the robot is kidnapped at the end of this step."""
     if config.kidnap_time <= 0.0 or step + 1 != max(math.ceil(config.kidnap_time / config.sampling_time - 1e-9), 1):
         return pose
     x, y, theta = pose

@@ -1,4 +1,4 @@
-"""The node ``plant``: cmd_vel -> odom, joint_states, sensors, ground_truth, and the simulation's clock."""
+"""The node ``plant``: simulates a robot that receives cmd_vel and sends odom, sensors, ground_truth and the clock."""
 
 from __future__ import annotations
 
@@ -24,29 +24,30 @@ from diffbot_sim.simulation import Arrivals, World
 from diffbot_sim.topics import PlantTopics
 
 _POLL_PERIOD, _STALL_PERIOD = 0.02, 1.0
-"""[s] between two polls of the lock-step, and between two looks for an answer that does not come"""
+"""[s] periods of the timers of the lock-step: polls before the first step, and checks for a missing answer"""
 _MAX_STEPS_AT_ONCE = 5
-"""Largest number of steps at once after a late timer. ``scaled`` skips the other steps, ``wall`` keeps them due."""
+"""Largest number of steps in one call of a late timer. Clock ``wall`` makes the remaining steps in the next calls,
+clock ``scaled`` skips them."""
 _EARLY = 0.1
-"""Share of the period by which a timer may fire early. It jitters, and a postponed step would delay until the next."""
+"""Share of the period by which a timer may fire early. Otherwise jitter would postpone a step by a whole period."""
 _STOP = Twist(0.0, 0.0)
 
 
 class PlantNode(DiffbotNode[PlantNodeConfig]):
-    """The simulated robot in the graph; a :class:`diffbot_sim.lockstep.Plant`."""
+    """The simulated robot in the graph. It implements :class:`diffbot_sim.lockstep.Plant`."""
 
     def __init__(self, **node_options: Any) -> None:
-        """Create publishers, the command's subscription, the pace, and the services ~/reset and ~/pause.
+        """Create publishers, subscription, services ~/reset and ~/pause, and the timers.
 
         Raises:
-            InvalidValueError: if a parameter is not allowed, or lock-step is to be driven by a Twist.
+            InvalidValueError: if a parameter is not allowed, or for lock-step with commands of type Twist.
         """
         super().__init__("plant", PlantNodeConfig, **node_options)
         config = self.config
         word, stamped = config.cmd_vel_type, TYPE_WORDS[TWIST_STAMPED]
         if config.clock == LOCKSTEP and word not in (AUTO, stamped):
             self.destroy_node()
-            text = f"{stamped} with clock: lockstep, since the stamp names the step that is answered"
+            text = f"{stamped} or {AUTO} with clock: lockstep, since the stamp of a command is the stamp of its pose"
             raise InvalidValueError("cmd_vel_type", word, text)
         self.paused, self._started = config.start_paused, False
         self._command, self._command_step, self._skipped = _STOP, 0, 0
@@ -57,9 +58,9 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
         kind = TwistStamped if self._is_stamped else TwistMessage
         try:
             self._commands = self.subscribe(kind, "cmd_vel", self._on_command, QoSProfile(depth=1))
-        except RuntimeError:  # in one process a topic has one type
+        except RuntimeError:  # all endpoints of a topic in one process must have the same type
             self.destroy_node()
-            text = "the type that the controller of the same process publishes: set cmd_vel_type for both"
+            text = "the type that the controller in the same process publishes; set cmd_vel_type of both nodes"
             raise InvalidValueError("cmd_vel_type", word, text) from None
         self.publisher_watch.watch("cmd_vel", "drive the robot", config.commands.max_cmd_vel_publishers)
         self._warn_of_idle_rates()
@@ -76,28 +77,28 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
             self.create_timer(self._period, self._on_clock_tick, clock=self.steady_clock)
 
     def on_config(self, config: PlantNodeConfig) -> None:
-        """Apply changed noise, faults and rates; a changed start applies from the next reset."""
+        """Apply changed noise, faults and rates. A changed start pose applies at the next reset."""
         self.world.configure(config.world)
         self._warn_of_idle_rates()
 
     def halt(self) -> None:
-        """Stand still until the next command."""
+        """Stop until the next command."""
         self._command = _STOP
 
     def _warn_of_idle_rates(self) -> None:
-        """Warn if landmarks have a rate, but the map is empty."""
+        """Warn if landmark_rate is set but the map has no landmarks."""
         world = self.config.world
         if world.sensors.landmark_rate > 0.0 and not world.landmarks.landmark_ids:
             rate = world.sensors.landmark_rate
             self.get_logger().warning(f"landmark_rate = {rate:g} Hz, but landmark_ids is empty: no landmarks are sent")
 
     def health_level(self) -> tuple[int, str]:
-        """Add the pace to /diagnostics."""
+        """Add paused or running to the status in /diagnostics."""
         level, text = super().health_level()
         return level, f"{'paused' if self.paused else 'running'}; {text}"
 
     def details(self) -> dict[str, str]:
-        """Add the numbers of steps to /diagnostics."""
+        """Add the counts of steps to /diagnostics."""
         return {
             "steps": str(self.step),
             "steps skipped": str(self._skipped),
@@ -128,11 +129,11 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
         self._topics.publish_truth(self.world)
 
     def awaits_first_fix(self) -> bool:
-        """True if the plant sends fixes, and no fix arrives at the present step."""
+        """Return True if the plant sends fixes, but no fix arrives at the present step."""
         return self._has_fixes() and not self._sense().fixes
 
     def connections(self) -> tuple[int, ...] | None:
-        """Return the number of nodes on each topic; None until all topics that a filter needs have a subscription."""
+        """Return the number of nodes on each topic; None until a filter is connected to all topics that it needs."""
         if not all(one.get_subscription_count() for one in self._topics.required(self._has_fixes())):
             return None
         return (*self._topics.subscription_counts(), self._commands.get_publisher_count())
@@ -144,20 +145,20 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
                 self._poll.cancel()
 
     def report(self, event: str) -> None:
-        """Log what the lock-step waits for."""
+        """Log an event of the lock-step."""
         logger: Any = self.get_logger()
         if event == NO_FILTER:
             topics = " and ".join(publisher.topic_name for publisher in self._topics.required(self._has_fixes()))
-            logger.info(f"waiting for a filter on {topics}", throttle_duration_sec=5.0)
+            logger.info(f"waiting until a filter subscribes to {topics}", throttle_duration_sec=5.0)
         elif event == NO_FIX:
             logger.error(
-                f"no fix in the first {MAX_STEPS_WITHOUT_FIX} steps (see fix_delay and fix_dropout):"
-                " the filter cannot answer before it has one, or an initialpose"
+                f"no fix arrived in the first {MAX_STEPS_WITHOUT_FIX} steps (see fix_delay and fix_dropout);"
+                " the filter cannot answer before it has a fix or an initialpose"
             )
         elif event == NO_COMMAND:
             logger.warning(
-                "no answer on cmd_vel: moving on with zero command (does the controller have cmd_vel_type"
-                " twist_stamped and publish_when_idle, and the filter a pose?)",
+                "no answer on cmd_vel: moving on with zero command; check that the controller has cmd_vel_type"
+                " twist_stamped and publish_when_idle true, and that the filter has a pose",
                 throttle_duration_sec=10.0,
             )
 
@@ -201,12 +202,12 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
             self.publish()
 
     def _catch_up_with_wall_time(self) -> None:
-        """Stamp the present step with the time of day after a pause, in which simulated time stands still."""
+        """Set the stamp of the present step to the present time. Simulated time does not advance in a pause."""
         if self.config.clock == WALL and self.config.start_time == 0.0:
             self.world.start_stamp += time.time_ns() - self.world.stamp
 
     def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        # Time goes on, since nodes do not expect messages from the past.
+        # The clock is not reset, since nodes do not expect time to jump backwards.
         self.world = World(self.config.world, self.world.stamp + self.world.period)
         self._arrivals = None
         self._command, self._command_step = _STOP, 0
@@ -214,7 +215,7 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
         if self._lockstep is not None:
             self._lockstep.reset()
             self._poll.reset()
-        response.success, response.message = True, "back at the start pose, noise from its first number on"
+        response.success, response.message = True, "the robot is at its start pose, and the noise starts again"
         return response
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:

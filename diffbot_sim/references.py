@@ -1,7 +1,8 @@
-"""References to records of arrays, for compiled code.
+"""References to named tuples of arrays, for compiled code.
 
-A named tuple of arrays is copied at each call. A reference has the same fields and is one pointer. Its arrays are
-borrowed: compiled code counts who uses an array at each call otherwise, which takes as long as a step of the plant.
+Numba copies a named tuple at each call. A reference has the same fields and is one pointer. Its arrays are borrowed:
+otherwise compiled code would count the references to each array at each call, which takes as long as a step of the
+plant.
 """
 
 from __future__ import annotations
@@ -14,59 +15,60 @@ from numba.experimental import structref
 from numba.extending import intrinsic
 
 from diffbot_control.filter.state import FilterState, Options
-from diffbot_sim.fusion import Recent, Robot
+from diffbot_sim.fusion import RunBuffers, SimulatedRobot
 
 
-class _Reference(numba.types.StructRef):
-    """Type of a reference."""
+class _Type(numba.types.StructRef):
+    """Base of the references' types."""
 
     def preprocess_fields(self, fields: Any) -> Any:
         """Return the fields without literal types."""
         return tuple((name, numba.types.unliteral(kind)) for name, kind in fields)  # type: ignore[no-untyped-call]
 
 
+# Each type needs a class of its own, which numba's cache finds by its name in this module.
 @structref.register
-class FilterType(_Reference):
-    """Of the filter's arrays."""
-
-
-@structref.register
-class RecentType(_Reference):
-    """Of the arrays of a run."""
+class FilterType(_Type):
+    """Type of :class:`FilterReference`."""
 
 
 @structref.register
-class OptionsType(_Reference):
-    """Of the filter's options."""
+class OptionsType(_Type):
+    """Type of :class:`OptionsReference`."""
 
 
 @structref.register
-class RobotType(_Reference):
-    """Of the configuration of a robot."""
+class SimulatedRobotType(_Type):
+    """Type of :class:`SimulatedRobotReference`."""
+
+
+@structref.register
+class RunBuffersType(_Type):
+    """Type of :class:`RunBuffersReference`."""
 
 
 class FilterReference(structref.StructRefProxy):
-    """The filter's arrays."""
-
-
-class RecentReference(structref.StructRefProxy):
-    """The arrays of a run."""
+    """Reference to a :class:`Filter`."""
 
 
 class OptionsReference(structref.StructRefProxy):
-    """The filter's options."""
+    """Reference to :class:`Options`."""
 
 
-class RobotReference(structref.StructRefProxy):
-    """The configuration of a robot."""
+class SimulatedRobotReference(structref.StructRefProxy):
+    """Reference to a :class:`SimulatedRobot`."""
+
+
+class RunBuffersReference(structref.StructRefProxy):
+    """Reference to :class:`RunBuffers`."""
 
 
 _define: Any = structref.define_constructor
-_intrinsic: Any = intrinsic
 _define(FilterReference, FilterType, list(FilterState._fields))
-_define(RecentReference, RecentType, list(Recent._fields))
 _define(OptionsReference, OptionsType, list(Options._fields))
-_define(RobotReference, RobotType, list(Robot._fields))
+_define(SimulatedRobotReference, SimulatedRobotType, list(SimulatedRobot._fields))
+_define(RunBuffersReference, RunBuffersType, list(RunBuffers._fields))
+_intrinsic: Any = intrinsic
 
 
 @_intrinsic  # type: ignore[untyped-decorator]
@@ -81,31 +83,16 @@ def _borrowed(typing_context: Any, array: Any) -> Any:
 
 
 def borrowed(array: Any) -> Any:
-    """Return an array with the same elements that does not keep them: the given array has to outlive it."""
+    """Return a view of an array without reference counting: the array must outlive the view."""
     return _borrowed(array)
 
 
-def referred(recent: Any) -> Any:
-    """Return a reference to what a run works with."""
-    robot, o, f = recent.robot, recent.robot.filter, recent.filter
-    options = OptionsReference(  # type: ignore[no-untyped-call]
-        o.size,
-        o.separation,
-        o.gates,
-        o.relocation_fixes,
-        o.errors,
-        o.variances,
-        o.wheel_walk,
-        o.bias_walk,
-        o.max_radius_error,
-        o.max_separation_error,
-        o.wheels_as_configured,
-        o.fuzzy,
-        o.finds_noise,
-        o.times,
-    )
-    own = RobotReference(robot.plant, robot.sensors, options, borrowed(robot.landmarks))  # type: ignore[no-untyped-call]
-    kept = FilterReference(  # type: ignore[no-untyped-call]
+def reference_to(buffers: Any) -> Any:
+    """Return a reference to the buffers of a run."""
+    robot, f = buffers.robot, buffers.filter
+    options = OptionsReference(*robot.filter)  # type: ignore[no-untyped-call]
+    own = SimulatedRobotReference(robot.plant, robot.sensors, options, borrowed(robot.landmarks))  # type: ignore[no-untyped-call]
+    filter_ = FilterReference(  # type: ignore[no-untyped-call]
         borrowed(f.memory),
         borrowed(f.x),
         borrowed(f.P),
@@ -117,12 +104,12 @@ def referred(recent: Any) -> Any:
         borrowed(f.noise),
         borrowed(f.last),
     )
-    return RecentReference(  # type: ignore[no-untyped-call]
+    return RunBuffersReference(  # type: ignore[no-untyped-call]
         own,
-        borrowed(recent.commands),
-        borrowed(recent.steps),
-        borrowed(recent.seen),
-        borrowed(recent.memory),
-        borrowed(recent.stamps),
-        kept,
+        borrowed(buffers.commands),
+        borrowed(buffers.steps),
+        borrowed(buffers.landmark_readings),
+        borrowed(buffers.memory),
+        borrowed(buffers.stamps),
+        filter_,
     )

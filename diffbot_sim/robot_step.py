@@ -1,8 +1,8 @@
-"""One step of a simulated robot: sense and filter, ask the law, move. Plain numbers and arrays only.
+"""One step of a simulated robot: measure, filter, run the law, move.
 
-The functions run as plain Python in the reference loop. :mod:`jit` registers them with numba, and the batch engine
-runs the same functions compiled. A law's step is made by :func:`make_step`, since compiled code calls a function by its
-name.
+The functions use plain numbers and arrays only. The reference loop runs them as plain Python, and the batch engine runs
+the same functions compiled by :mod:`jit`. Compiled code calls functions by name, so :func:`make_step` and
+:func:`make_loop` build one function for each law.
 """
 
 from __future__ import annotations
@@ -20,186 +20,189 @@ from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty
-from diffbot_sim.config import PlantConfig, SensorConfig, check_detector
-from diffbot_sim.fusion import Recent, Robot, arriving_pose, estimate, forget, pose_at, record_step
+from diffbot_sim.config import PlantConfig, SensorConfig, dock_pose
+from diffbot_sim.fusion import RunBuffers, SimulatedRobot, arriving_pose, clear, estimate, pose_at, record_step
 from diffbot_sim.outcome import Criteria, LawState, Outcome, add_step, new_totals, outcome_of
 from diffbot_sim.plant import PlantState, delayed_command, new_plant, plant_step
 from diffbot_sim.sensors import NO_ERRORS, FixErrors, is_pose_due, measured_pose, pose_delay
 
 TRUTH, RAW, EKF = "truth", "raw", "ekf"
 FEEDBACKS = (TRUTH, RAW, EKF)
-"""The controller's feedback: the true pose, the newest fix as in the paper's simulations, or the filter's estimate."""
-TRUTH_CODE, RAW_CODE, EKF_CODE = range(3)
-"""Indices of FEEDBACKS, for compiled code."""
+"""Pose that the controller receives: the true pose, the newest fix (as in the paper), or the filter's estimate."""
 
 
 class Feedback(NamedTuple):
-    """What is known of the robot."""
+    """Pose that the controller receives."""
 
     pose: Pose
-    """what the controller gets"""
     uncertainty: Uncertainty
-    """of the estimate; a fix and the true pose come without any"""
+    """of the filter's estimate; CERTAIN for the true pose and for fixes"""
     known: bool
-    """False before there is one"""
+    """False until the first pose arrives"""
 
 
-class Body(NamedTuple):
-    """A robot between two steps, but for its :class:`Recent` arrays."""
+class RobotState(NamedTuple):
+    """State of a simulated robot between two steps, except for its :class:`RunBuffers`."""
 
-    state: PlantState
-    errors: FixErrors
-    """of the newest fix"""
+    plant: PlantState
+    fix_errors: FixErrors
+    """errors of the newest fix"""
     feedback: Feedback
 
 
-def start(recent: Recent, pose: Pose) -> Body:
-    """Put a robot at rest at ``pose`` in map, and forget the steps before."""
-    forget(recent)
-    return Body(new_plant(pose), NO_ERRORS, Feedback(pose, CERTAIN, False))
+def start(buffers: RunBuffers, pose: Pose) -> RobotState:
+    """Clear the buffers and return the state of a robot at rest at ``pose`` in map."""
+    clear(buffers)
+    return RobotState(new_plant(pose), NO_ERRORS, Feedback(pose, CERTAIN, False))
 
 
-def advance(body: Body, commands: Any, command: Twist, noise: Any, plant: PlantConfig) -> Body:
-    """Move a robot for one sampling time under a requested command.
+def advance(state: RobotState, commands: Any, command: Twist, noise: Any, config: PlantConfig) -> RobotState:
+    """Move a robot for one sampling time.
 
     Args:
-        body: before the step.
-        commands: those of :class:`Recent`.
+        state: before the step.
+        commands: field of :class:`RunBuffers`.
         command: requested twist.
         noise: (purposes, 4) numbers in [0, 1) of this step.
-        plant: configuration.
+        config: of the plant.
     """
-    state = body.state
-    arrived = delayed_command(commands, state.step, command, plant.command_delay, plant.sampling_time)
-    return Body(plant_step(state, arrived, noise, plant), body.errors, body.feedback)
+    arrived = delayed_command(commands, state.plant.step, command, config.command_delay, config.sampling_time)
+    return RobotState(plant_step(state.plant, arrived, noise, config), state.fix_errors, state.feedback)
 
 
-def sense_truth(body: Body, recent: Recent, noise: Any, sensors: SensorConfig, sampling_time: float) -> Body:
-    """Give the controller the true pose."""
-    return Body(body.state, body.errors, Feedback(body.state.pose, CERTAIN, True))
+def sense_truth(
+    state: RobotState, buffers: RunBuffers, noise: Any, sensors: SensorConfig, sampling_time: float
+) -> RobotState:
+    """Set the feedback to the true pose."""
+    return RobotState(state.plant, state.fix_errors, Feedback(state.plant.pose, CERTAIN, True))
 
 
-def sense_fix(body: Body, recent: Recent, noise: Any, sensors: SensorConfig, sampling_time: float) -> Body:
-    """Measure at the present step, and give the controller the pose that arrives."""
-    state, feedback = body.state, body.feedback
+def sense_fix(
+    state: RobotState, buffers: RunBuffers, noise: Any, sensors: SensorConfig, sampling_time: float
+) -> RobotState:
+    """Measure, and set the feedback to the fix that arrives at the present step, if any."""
+    plant, feedback = state.plant, state.feedback
     if pose_delay(sensors) <= 0.0:
-        if not is_pose_due(state.step, sensors, sampling_time):
-            return body
-        fix = measured_pose(state.pose, body.errors, noise, sensors)
-        return Body(state, fix.errors, feedback if fix.lost else Feedback(fix.pose, CERTAIN, True))
-    errors = record_step(recent, state, body.errors, noise)
-    arrived = arriving_pose(recent, state.step)
+        if not is_pose_due(plant.step, sensors, sampling_time):
+            return state
+        fix = measured_pose(plant.pose, state.fix_errors, noise, sensors)
+        return RobotState(plant, fix.errors, feedback if fix.lost else Feedback(fix.pose, CERTAIN, True))
+    errors = record_step(buffers, plant, state.fix_errors, noise)
+    arrived = arriving_pose(buffers, plant.step)
     if arrived >= 0:
-        feedback = Feedback(pose_at(recent, arrived), CERTAIN, True)
-    return Body(state, errors, feedback)
+        feedback = Feedback(pose_at(buffers, arrived), CERTAIN, True)
+    return RobotState(plant, errors, feedback)
 
 
-def sense_estimate(body: Body, recent: Recent, noise: Any, sensors: SensorConfig, sampling_time: float) -> Body:
-    """Measure at the present step, fuse what arrives, and give the controller the filter's estimate."""
-    state, feedback = body.state, body.feedback
-    errors = record_step(recent, state, body.errors, noise)
-    known, pose, uncertainty = estimate(recent, state.step)
+def sense_estimate(
+    state: RobotState, buffers: RunBuffers, noise: Any, sensors: SensorConfig, sampling_time: float
+) -> RobotState:
+    """Measure, fuse the measurements that arrive, and set the feedback to the filter's estimate."""
+    plant, feedback = state.plant, state.feedback
+    errors = record_step(buffers, plant, state.fix_errors, noise)
+    known, pose, uncertainty = estimate(buffers, plant.step)
     if known:
         feedback = Feedback(pose, uncertainty, True)
-    return Body(state, errors, feedback)
+    return RobotState(plant, errors, feedback)
 
 
 SENSES = sense_truth, sense_fix, sense_estimate
-"""How a robot gets each of FEEDBACKS. Compiled code contains only the one that it needs."""
+"""The function for each of FEEDBACKS. Compiled code contains only the function that it needs."""
 
 
 class Case(NamedTuple):
-    """All that a run needs but its name (seed, run) and its start."""
+    """Everything that the runs of a batch share. A run adds its seed, its number and its start."""
 
-    robot: Robot
+    robot: SimulatedRobot
     controller: Any
     """configuration of the law, an instance of its Config"""
     goal: Pose
     feedback: int
-    """one of the codes of FEEDBACKS"""
+    """index of FEEDBACKS"""
     literal_rear: bool
     """use the sign that the paper prints for the velocity in the rear sector"""
     steps: int
     xy_tolerance: float
     """[m] for the settling time"""
     yaw_tolerance: float
-    """[rad]"""
+    """[rad] for the settling time"""
     history_length: float = LocalizationConfig().history_length
-    """[s] how late a measurement may come at most; longer delays are refused"""
+    """[s] largest delay of a measurement"""
 
 
-def make_step(law: type[Law], feedback: int) -> Callable[..., tuple[Body, Any, Twist, LawState]]:
-    """Return the function that advances a robot under a law by one period, with one of the codes of FEEDBACKS."""
+def make_step(law: type[Law], feedback: int) -> Callable[..., tuple[RobotState, Any, Twist, LawState]]:
+    """Return the function that advances a robot under a law by one period; ``feedback`` is an index of FEEDBACKS."""
     law_step, sense = law.step, SENSES[feedback]
 
     def robot_step(
-        body: Body, memory: Any, recent: Recent, noise: Any, case: Case
-    ) -> tuple[Body, Any, Twist, LawState]:
-        """Sense, filter, ask the law and move by one period.
+        state: RobotState, memory: Any, buffers: RunBuffers, noise: Any, case: Case
+    ) -> tuple[RobotState, Any, Twist, LawState]:
+        """Measure, filter, run the law, and move for one period. The robot does not move in the last step.
 
         Args:
-            body: before the step.
+            state: before the step.
             memory: of the law.
-            recent: arrays of the robot.
+            buffers: of the run.
             noise: (purposes, 4) numbers in [0, 1) of this step.
-            case: what all runs share.
+            case: the case of the run.
 
         Returns:
-            Robot and memory after the step, the command, and what the law reports.
+            State and memory after the step, the command, and what the law reports.
         """
-        plant, sensors, commands = case.robot.plant, case.robot.sensors, recent.commands
-        body = sense(body, recent, noise, sensors, plant.sampling_time)
-        command, answer, feedback = Twist(0.0, 0.0), LawState(OMEGA_G, False), body.feedback
+        plant, sensors = case.robot.plant, case.robot.sensors
+        state = sense(state, buffers, noise, sensors, plant.sampling_time)
+        command, answer, feedback = Twist(0.0, 0.0), LawState(OMEGA_G, False), state.feedback
         if feedback.known:
-            dt = plant.sampling_time if body.state.step > 0 else 0.0
+            dt = plant.sampling_time if state.plant.step > 0 else 0.0
             found = Estimate(feedback.pose, feedback.uncertainty)
             observation = Observation(found, dt, plant.sampling_time, CONTACT_UNKNOWN)
             memory, command, report = law_step(memory, observation, case.goal, case.controller)
             answer = LawState(report.region, memory.reached)
             if case.literal_rear and not in_front(report.alpha):
                 command = Twist(-command.v, command.omega)
-        if body.state.step < case.steps:
-            body = advance(body, commands, command, noise, plant)
-        return body, memory, command, answer
+        if state.plant.step < case.steps:
+            state = advance(state, buffers.commands, command, noise, plant)
+        return state, memory, command, answer
 
     return robot_step
 
 
 HISTORY_COLUMNS = (
-    *("x", "y", "theta", "seen_x", "seen_y", "seen_theta", "v", "omega", "sigma", "sigma_theta", "region", "reached"),
+    *("x", "y", "theta", "feedback_x", "feedback_y", "feedback_theta", "v", "omega"),
+    *("sigma", "sigma_theta", "region", "reached"),
 )
-"""True pose, pose given to the controller (seen_*), command, standard deviations of position [m] and heading [rad] that
-were given with that pose (0 for a feedback without them), region, 1 once the law reports the goal as reached."""
+"""True pose; pose that the controller receives; command; standard deviations of that pose's position [m] and heading
+[rad], 0 for feedback other than the filter's; region; 1 once the law reports the goal as reached."""
 
 
-def make_loop(law: type[Law], feedback: int) -> Callable[[Case, Recent, Any, Pose, Any], Outcome]:
-    """Return the function that does one run under a law, with one of the codes of FEEDBACKS.
+def make_loop(law: type[Law], feedback: int) -> Callable[[Case, RunBuffers, Any, Pose, Any], Outcome]:
+    """Return the function that simulates one run under a law; ``feedback`` is an index of FEEDBACKS.
 
-    It compiles if the law's functions do.
+    It compiles if the law's functions compile.
     """
     robot_step, new_memory = make_step(law, feedback), law.new_memory
 
-    def run_loop(case: Case, recent: Recent, noise: Any, begin: Pose, history: Any) -> Outcome:
-        """Do one run.
+    def run_loop(case: Case, buffers: RunBuffers, noise: Any, begin: Pose, history: Any) -> Outcome:
+        """Simulate one run.
 
         Args:
-            case: what all runs share; ``controller`` is of the law's Config.
-            recent: from :func:`new_recent`.
+            case: the case of the run; ``controller`` is an instance of the law's Config.
+            buffers: from :func:`new_buffers`.
             noise: (purposes, steps + 1, 4) numbers in [0, 1).
-            begin: true pose at first, in map.
-            history: (steps + 1, 12) array whose rows are filled, see HISTORY_COLUMNS, or (0, 12) for none.
+            begin: true start pose in map.
+            history: (steps + 1, 12) array to fill, columns as HISTORY_COLUMNS; (0, 12) to record nothing.
         """
         criteria = Criteria(
             case.goal, case.xy_tolerance, case.yaw_tolerance, case.robot.plant.sampling_time, case.steps
         )
-        body, memory, totals = start(recent, begin), new_memory(case.controller), new_totals()
+        state, memory, totals = start(buffers, begin), new_memory(case.controller), new_totals()
         for index in range(case.steps + 1):
-            before = body.state.pose
-            body, memory, command, answer = robot_step(body, memory, recent, noise[:, index], case)
+            before = state.plant.pose
+            state, memory, command, answer = robot_step(state, memory, buffers, noise[:, index], case)
             if len(history) > 0:
-                _record(history[index], before, body.feedback, command, answer)
-            totals = add_step(totals, criteria, index, answer, command, before, body.state.pose)
-        return outcome_of(totals, criteria, body.feedback.pose, body.feedback.known, body.state.pose)
+                _record(history[index], before, state.feedback, command, answer)
+            totals = add_step(totals, criteria, index, answer, command, before, state.plant.pose)
+        return outcome_of(totals, criteria, state.feedback.pose, state.feedback.known, state.plant.pose)
 
     return run_loop
 
@@ -214,19 +217,25 @@ def _record(row: Any, pose: Pose, feedback: Feedback, command: Twist, answer: La
     row[10], row[11] = answer.region, answer.reached
 
 
-def check_robot(robot: Robot, history_length: float) -> None:
-    """Refuse what a loop of one filter does not support; ``history_length`` [s] is how late a measurement may come.
+def check_robot(robot: SimulatedRobot, history_length: float) -> None:
+    """Refuse sensors that the loop does not support; ``history_length`` [s] is the largest delay of a measurement.
 
     Raises:
-        InvalidValueError: for measurements later than the history; for a filter with a gyro on a robot without one; see
-            :func:`config.check_detector`.
+        InvalidValueError: for a detector together with fixes, since the loop has one filter; for a dock that is not at
+            the origin, since the map of a filter with a detector is the frame of the dock; for a filter that uses a
+            gyro on a robot without a gyro; for poses that are delayed by more than the history.
     """
-    sensors = robot.sensors
-    check_detector(sensors)
+    sensors, detector = robot.sensors, robot.sensors.detector
+    if detector.detection_rate > 0.0:
+        if sensors.fix_rate > 0.0:
+            bound = "0 with a detection_rate, since this simulation has one filter"
+            raise InvalidValueError("fix_rate", sensors.fix_rate, bound)
+        if dock_pose(detector) != (0.0, 0.0, 0.0):
+            raise InvalidValueError("dock_x, dock_y, dock_yaw", tuple(dock_pose(detector)), "0 in this simulation")
     if robot.filter.variances[BIAS - WHEELS] > 0.0 and sensors.gyro_rate == 0.0:
         raise InvalidValueError("use_gyro", True, "false while gyro_rate is 0")
     if pose_delay(sensors) > history_length:
-        name = "detection_delay" if sensors.detector.detection_rate > 0.0 else "fix_delay"
+        name = "detection_delay" if detector.detection_rate > 0.0 else "fix_delay"
         raise InvalidValueError(
             name, pose_delay(sensors), f"<= {history_length:g} s, the length of the filter's history"
         )

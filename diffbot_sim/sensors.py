@@ -1,8 +1,8 @@
-"""Measurements of the true pose: when they are taken, and their errors. Pure functions of floats.
+"""Measurements of the true pose: their times and their errors. Pure functions of floats.
 
-Successive fixes may have correlated errors (``fix_noise_correlation``): e_n = a e_(n-1) + sqrt(1 - a^2) u_n with u_n
-uniform within the bound and e_0 = u_0. The variance stays bound^2 / 3 at every fix and the autocorrelation is a^|lag|,
-whatever the distribution of u; the errors themselves then reach up to sqrt((1 + a) / (1 - a)) times the bound.
+The errors of successive fixes may be correlated (``fix_noise_correlation`` a): e_n = a e_(n-1) + sqrt(1 - a^2) u_n with
+u_n uniform within the bound and e_0 = u_0. The variance is bound^2 / 3 at each fix, and the autocorrelation is a^|lag|.
+The errors can reach sqrt((1 + a) / (1 - a)) times the bound.
 """
 
 from __future__ import annotations
@@ -12,23 +12,24 @@ from typing import Any, NamedTuple
 
 from diffbot_control.filter.dock import FixNoise, noise_at_dock, robot_at_dock
 from diffbot_core.geometry import Pose, into_frame, range_and_bearing, wrap_angle
-from diffbot_sim.config import DetectorConfig, SensorConfig, dock_of
+from diffbot_sim.config import DetectorConfig, SensorConfig, dock_pose
 from diffbot_sim.noise import DETECTION, DETECTION_FAULT, FIX, FIX_FAULT, FURTHER, LANDMARKS, MOTION, uniform
 
 FIX_OUTLIER_DISTANCE, DETECTION_OUTLIER_DISTANCE = 3.0, 0.5
 """[m]"""
 DETECTION_NEAREST, DETECTION_FARTHEST = 0.3, 8.0
-"""[m] distances between which a dock is detected"""
+"""[m] range of distances at which the dock is detected"""
 DETECTION_SIGMA, DETECTION_YAW_SIGMA, DETECTION_SIGMA_PER_METRE = 0.01, 0.02, 0.01
-"""[m], [rad] standard deviations of a detection at the dock, and their growth [m/m], [rad/m]; defaults of dock_ekf"""
+"""Standard deviations of a detection at the dock [m], [rad], and their increase with distance [m/m], [rad/m]. They are
+the defaults of dock_ekf."""
 GYRO_ERROR_MAX = 0.01
-"""[rad/s] bound of the error of a turn rate, independent from step to step, beside the bias; typical of MEMS gyros"""
+"""[rad/s] bound of the error of a turn rate without its bias, independent in each step; typical of MEMS gyros"""
 _BOUND = math.sqrt(3.0)
-"""Bound of a uniform error in standard deviations."""
+"""Bound of a uniform error, in standard deviations."""
 
 
 class FixErrors(NamedTuple):
-    """Errors of a fix without an outlier's, in shares of their bounds; the next fix depends on them."""
+    """Errors of a fix as shares of their bounds, without outliers. Correlated errors of the next fix depend on them."""
 
     x: float
     y: float
@@ -36,16 +37,17 @@ class FixErrors(NamedTuple):
 
 
 NO_ERRORS = FixErrors(math.nan, math.nan, math.nan)
-"""Before the first fix."""
+"""Value before the first fix."""
 
 
 class Fix(NamedTuple):
-    """A measured pose, and what happens to it."""
+    """A measured pose."""
 
     pose: Pose
     """[m, m, rad] in map"""
     errors: FixErrors
     lost: bool
+    """True if the fix does not arrive"""
 
 
 class Detection(NamedTuple):
@@ -54,24 +56,24 @@ class Detection(NamedTuple):
     pose: Pose
     """[m, m, rad] of the dock in the frame of the robot"""
     sigma: float
-    """[m] standard deviation of its x and of its y"""
+    """[m] standard deviation of x and of y"""
     yaw_sigma: float
-    """[rad] of its heading"""
+    """[rad] standard deviation of the heading"""
     lost: bool
-    """there is none: not in view, or lost"""
+    """True if the dock is not in view or the detection does not arrive"""
 
 
-def due(step: int, rate: float, sampling_time: float) -> bool:
-    """Return True if a sensor of ``rate`` [Hz] measures at ``step``: when its count of whole periods increases."""
+def is_due(step: int, rate: float, sampling_time: float) -> bool:
+    """Return True if a sensor of ``rate`` [Hz] measures at ``step``, at which its number of whole periods increases."""
     if rate <= 0.0:
         return False
     per_step = rate * sampling_time
-    # With a margin for rounding, so that 10 Hz at 0.1 s means each step.
+    # The margin is for rounding: 10 Hz and 0.1 s mean a measurement in each step.
     return step == 0 or math.floor(step * per_step + 1e-9) > math.floor((step - 1) * per_step + 1e-9)
 
 
 def delay_in_steps(delay: float, sampling_time: float) -> int:
-    """Return the steps after which a measurement arrives: at the first step that is not before its delay is over."""
+    """Return the delay of a measurement in steps: it arrives at the first step after ``delay`` [s]."""
     return math.ceil(delay / sampling_time - 1e-9)
 
 
@@ -91,9 +93,9 @@ def purposes_of(sensors: SensorConfig, landmarks: int, slip_noise: float) -> lis
 
 
 def uniform_variance(bound: float) -> float:
-    """Return the variance of an error uniform within +-``bound``, at least (1e-4)^2.
+    """Return the variance of an error uniform within +-``bound``.
 
-    A filter cannot use an exact sensor.
+    It is at least (1e-4)^2, since the filter cannot use an exact sensor.
     """
     return max(bound * bound / 3.0, 1e-8)
 
@@ -108,12 +110,12 @@ def fix_variances(config: SensorConfig) -> tuple[float, float, float]:
 def measured_fix(pose: Pose, before: FixErrors, noise: Any, config: SensorConfig) -> Fix:
     """Measure the true ``pose`` in map.
 
-    The errors of x and y are proportional to the distance from the origin within ``eps_xy_distance``, as with a beacon
-    at the goal. The covariance that a fix claims does not follow this.
+    Within ``eps_xy_distance`` of the origin, the errors of x and y are proportional to the distance from the origin, as
+    with a beacon at the goal. The covariance of the fix does not depend on the distance.
 
     Args:
         pose: true pose [m, m, rad].
-        before: errors of the fix before, NO_ERRORS if there is none.
+        before: errors of the previous fix, NO_ERRORS for the first one.
         noise: (purposes, 4) numbers in [0, 1) of this step.
         config: of the sensors.
     """
@@ -133,7 +135,7 @@ def measured_fix(pose: Pose, before: FixErrors, noise: Any, config: SensorConfig
 
 
 def _displaced(x: float, y: float, number: float, distance: float) -> tuple[float, float]:
-    """Displace a position by ``distance`` [m] in the direction that ``number`` in [0, 1) stands for."""
+    """Displace a position by ``distance`` [m] in a direction that ``number`` in [0, 1) determines."""
     angle = uniform(number, math.pi)
     return x + distance * math.cos(angle), y + distance * math.sin(angle)
 
@@ -143,14 +145,14 @@ def measured_heading(pose: Pose, noise: Any, config: SensorConfig) -> float:
     return wrap_angle(pose.theta + uniform(noise[FURTHER, 0], config.heading_error_max))
 
 
-def measured_rate(omega: float, noise: Any, config: SensorConfig) -> float:
+def measured_turn_rate(omega: float, noise: Any, config: SensorConfig) -> float:
     """Measure the true mean turn rate ``omega`` [rad/s] over the step that ends now."""
     return omega + config.gyro_bias + uniform(noise[FURTHER, 1], GYRO_ERROR_MAX)
 
 
-def rate_due(step: int, config: SensorConfig, sampling_time: float) -> bool:
-    """Return True if the gyro measures at ``step``; at the first one nothing has turned yet."""
-    return step > 0 and due(step, config.gyro_rate, sampling_time)
+def is_gyro_due(step: int, config: SensorConfig, sampling_time: float) -> bool:
+    """Return True if the gyro measures at ``step``. It does not measure at step 0, before the first motion."""
+    return step > 0 and is_due(step, config.gyro_rate, sampling_time)
 
 
 def in_range(pose: Pose, x: float, y: float, config: SensorConfig) -> bool:
@@ -164,7 +166,7 @@ def measured_landmark(
 ) -> tuple[float, float]:
     """Return range [m] and bearing [rad] of the landmark ``index`` of the map, at ``x``, ``y`` [m].
 
-    A range is not below 1 mm, whatever the error.
+    The range is at least 1 mm.
     """
     distance, bearing = range_and_bearing(pose.x, pose.y, pose.theta, x, y)
     purpose, column = LANDMARKS + index // 2, 2 * (index % 2)
@@ -174,47 +176,43 @@ def measured_landmark(
     )
 
 
-def in_view(dock: Pose) -> bool:
-    """Return True if the detector, which looks all round, can see the dock at this pose in the robot's frame."""
-    return DETECTION_NEAREST <= math.sqrt(dock.x * dock.x + dock.y * dock.y) <= DETECTION_FARTHEST
-
-
 def detected_dock(pose: Pose, noise: Any, config: DetectorConfig) -> Detection:
-    """Measure the dock from the true ``pose`` in map."""
-    dock = into_frame(dock_of(config), pose)
-    sigma, yaw_sigma = deviations_at(dock)
+    """Measure the dock from the true ``pose`` in map. The detector looks in all directions."""
+    dock = into_frame(dock_pose(config), pose)
+    sigma, yaw_sigma = detection_deviations(dock)
     x = dock.x + uniform(noise[DETECTION, 0], _BOUND * sigma)
     y = dock.y + uniform(noise[DETECTION, 1], _BOUND * sigma)
     if noise[DETECTION_FAULT, 1] < config.detection_outlier:
         x, y = _displaced(x, y, noise[DETECTION_FAULT, 2], DETECTION_OUTLIER_DISTANCE)
     measured = Pose(x, y, wrap_angle(dock.theta + uniform(noise[DETECTION, 2], _BOUND * yaw_sigma)))
-    lost = not in_view(dock) or noise[DETECTION_FAULT, 0] < config.detection_dropout
-    sigma, yaw_sigma = deviations_at(measured)
+    in_view = DETECTION_NEAREST <= math.sqrt(dock.x * dock.x + dock.y * dock.y) <= DETECTION_FARTHEST
+    lost = not in_view or noise[DETECTION_FAULT, 0] < config.detection_dropout
+    sigma, yaw_sigma = detection_deviations(measured)
     return Detection(measured, sigma, yaw_sigma, lost)
 
 
-def deviations_at(seen: Pose) -> tuple[float, float]:
+def detection_deviations(pose: Pose) -> tuple[float, float]:
     """Return the standard deviations of position [m] and heading [rad] of a detection.
 
-    They depend on the distance only, so ``seen`` may be the dock in the robot's frame or the robot in the dock's.
+    They depend only on the distance. So ``pose`` is the dock in the robot's frame, or the robot in the dock's frame.
     """
-    grown = DETECTION_SIGMA_PER_METRE * math.sqrt(seen.x * seen.x + seen.y * seen.y)
-    return DETECTION_SIGMA + grown, DETECTION_YAW_SIGMA + grown
+    increase = DETECTION_SIGMA_PER_METRE * math.sqrt(pose.x * pose.x + pose.y * pose.y)
+    return DETECTION_SIGMA + increase, DETECTION_YAW_SIGMA + increase
 
 
 def is_pose_due(step: int, config: SensorConfig, sampling_time: float) -> bool:
-    """Return True if a loop of one filter measures a pose at ``step``: see :func:`measured_pose`."""
+    """Return True if :func:`measured_pose` measures at ``step``."""
     rate = config.detector.detection_rate if config.detector.detection_rate > 0.0 else config.fix_rate
-    return due(step, rate, sampling_time)
+    return is_due(step, rate, sampling_time)
 
 
 def pose_delay(config: SensorConfig) -> float:
-    """Return the delay [s] of what :func:`measured_pose` returns."""
+    """Return the delay [s] of the poses of :func:`measured_pose`."""
     return config.detector.detection_delay if config.detector.detection_rate > 0.0 else config.fix_delay
 
 
 def measured_pose(pose: Pose, before: FixErrors, noise: Any, config: SensorConfig) -> Fix:
-    """Measure the true ``pose`` as :func:`measured_fix`, or, with a detector, in the frame of the dock."""
+    """Measure the true ``pose`` in the frame of the dock if there is a detector, otherwise by :func:`measured_fix`."""
     if config.detector.detection_rate <= 0.0:
         return measured_fix(pose, before, noise, config)
     found = detected_dock(pose, noise, config.detector)
@@ -222,9 +220,9 @@ def measured_pose(pose: Pose, before: FixErrors, noise: Any, config: SensorConfi
 
 
 def claimed_noise(measured: Pose, config: SensorConfig) -> FixNoise:
-    """Return the covariance that a measured pose of :func:`measured_pose` claims."""
+    """Return the covariance of a pose of :func:`measured_pose`."""
     if config.detector.detection_rate > 0.0:
-        sigma, yaw_sigma = deviations_at(measured)
+        sigma, yaw_sigma = detection_deviations(measured)
         return noise_at_dock(measured, sigma * sigma, yaw_sigma * yaw_sigma)
     var_x, var_y, var_theta = fix_variances(config)
     return FixNoise(var_x, 0.0, var_y, 0.0, 0.0, var_theta)

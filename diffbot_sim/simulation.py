@@ -1,9 +1,9 @@
-"""The simulated robot without ROS: its world for the plant node, whole drives to goals, and the reference loop."""
+"""Simulated robot without ROS: the world of the plant node, drives to goals, and the reference loop."""
 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,31 +26,31 @@ from diffbot_core.kinematics import Twist, body_twist, encoder_covariance
 from diffbot_core.stamps import NS_PER_S, S_PER_NS
 from diffbot_core.uncertainty import CERTAIN, Uncertainty
 from diffbot_sim.config import WorldConfig
-from diffbot_sim.fusion import Robot, new_recent
+from diffbot_sim.fusion import SimulatedRobot, new_buffers
 from diffbot_sim.noise import NoiseSource, quiet_noise
-from diffbot_sim.plant import command_rows, delayed_command, held_by_dock, meets_dock, new_plant, plant_step
+from diffbot_sim.plant import command_rows, delayed_command, new_plant, plant_step, stopped_by_dock, touches_dock
 from diffbot_sim.robot_step import EKF, FEEDBACKS, HISTORY_COLUMNS, Case, check_robot, make_loop
 from diffbot_sim.sensors import (
     GYRO_ERROR_MAX,
     NO_ERRORS,
     delay_in_steps,
     detected_dock,
-    due,
     fix_variances,
     in_range,
+    is_due,
+    is_gyro_due,
     measured_fix,
     measured_heading,
     measured_landmark,
-    measured_rate,
+    measured_turn_rate,
     purposes_of,
-    rate_due,
     uniform_variance,
 )
 
 Array = NDArray[np.float64]
 _STOP = Twist(0.0, 0.0)
-_LONGEST = 3600.0
-"""[s] after which a goal is given up, whatever its timeouts are"""
+_MAX_DURATION = 3600.0
+"""[s] after which a drive ends, whatever the timeouts of its goal are"""
 
 
 class PoseReading(NamedTuple):
@@ -86,13 +86,13 @@ class LandmarkReading(NamedTuple):
     R: Array
     """(2, 2) covariance [m, rad]"""
     number: int
-    """of the landmark in the map"""
+    """id of the landmark in the map"""
     landmark: Point
-    """its position [m]"""
+    """position of the landmark [m]"""
 
 
 class Arrivals(NamedTuple):
-    """Measurements that arrive at one step; poses may have been measured earlier."""
+    """Measurements that arrive at one step. Poses may have been measured at earlier steps."""
 
     fixes: list[PoseReading]
     headings: list[HeadingReading]
@@ -101,7 +101,7 @@ class Arrivals(NamedTuple):
 
 
 class World:
-    """The simulated robot. Time is ``start_stamp`` [ns] plus whole sampling times."""
+    """The simulated robot. Its time is ``start_stamp`` [ns] plus whole sampling times."""
 
     def __init__(self, config: WorldConfig, start_stamp: int = 0) -> None:
         """Put the robot at the start, step 0."""
@@ -109,51 +109,51 @@ class World:
         self.period = round(config.plant.sampling_time * NS_PER_S)
         self.state = new_plant(Pose(*config.start))
         self.odometry_P: Array = np.zeros((3, 3))
-        """covariance of the odometry's pose, accumulated from the start"""
+        """covariance of the odometry's pose"""
         self._source = NoiseSource()
         self._noise = quiet_noise(1, len(config.landmarks.landmark_ids))
-        self._drawn = -1
+        self._noise_step = -1
         self._fix_errors = NO_ERRORS
         self._fixes: list[tuple[int, PoseReading]] = []
         self._detections: list[tuple[int, PoseReading]] = []
-        # Long enough for any delay that may be set later.
+        # For the longest delay that can be set at run time.
         self._commands = np.zeros((command_rows(MAX_COMMAND_LATENCY, config.plant.sampling_time), 2))
         self.config = config
 
     def configure(self, config: WorldConfig) -> None:
-        """Apply noise bounds, rates and faults from the next step on; sampling time and landmarks stay."""
-        self.config, self._drawn = config, -1
+        """Apply noise bounds, rates and faults from the next step on. Sampling time and landmarks cannot change."""
+        self.config, self._noise_step = config, -1
 
     @property
     def stamp(self) -> int:
-        """Time [ns] of the present state."""
+        """Return the time [ns] of the present state."""
         return self.start_stamp + self.state.step * self.period
 
-    def _numbers(self) -> Any:
-        """Return the numbers (purposes, 4) of the present step."""
+    def _step_noise(self) -> Any:
+        """Return the noise (purposes, 4) of the present step."""
         config, step = self.config, self.state.step
-        if self._drawn != step:
+        if self._noise_step != step:
             purposes = purposes_of(config.sensors, len(config.landmarks.landmark_ids), config.plant.slip_noise)
             self._source.rows(config.seed, config.run, step, self._noise, purposes)
-            self._drawn = step
+            self._noise_step = step
         return self._noise[:, 0]
 
     def advance(self, command: Twist) -> None:
-        """Request ``command`` for one sampling time; it reaches the wheels after ``command_delay``."""
+        """Hold ``command`` for one sampling time. It reaches the wheels after ``command_delay``."""
         before, plant, detector = self.state, self.config.plant, self.config.sensors.detector
         arrived = delayed_command(self._commands, before.step, command, plant.command_delay, plant.sampling_time)
-        self.state = plant_step(before, arrived, self._numbers(), plant)
+        self.state = plant_step(before, arrived, self._step_noise(), plant)
         if self.touches_dock_at(before.pose):
-            self.state = held_by_dock(before, self.state, detector)
+            self.state = stopped_by_dock(before, self.state, detector)
         self._grow_odometry_covariance(before.odometry)
 
     def touches_dock_at(self, pose: Pose) -> bool:
-        """Return True if a robot at ``pose`` stands against the dock that the robot detects."""
+        """Return True if there is a detector and a robot at ``pose`` touches its dock."""
         detector = self.config.sensors.detector
-        return detector.detection_rate > 0.0 and meets_dock(pose, detector)
+        return detector.detection_rate > 0.0 and touches_dock(pose, detector)
 
     def odometry(self) -> OdometryStep:
-        """Return the mean twist over the last step as the encoders measured it, with covariance."""
+        """Return the mean twist over the last step as measured by the encoders, with its covariance."""
         plant, encoder = self.config.plant, self.state.encoder
         covariance = encoder_covariance(encoder, plant.encoder_noise, plant.wheels)
         return OdometryStep(self.stamp, body_twist(encoder, plant.wheels), covariance)
@@ -169,25 +169,25 @@ class World:
         self.odometry_P = F.dot(self.odometry_P).dot(F.T) + G.dot(M).dot(G.T)
 
     def sense(self) -> Arrivals:
-        """Measure at the present step and return what arrives at it; to be called once a step, step 0 included."""
-        sensors, step, noise, pose = self.config.sensors, self.state.step, self._numbers(), self.state.pose
+        """Measure, and return the measurements that arrive. Call it once at each step, including step 0."""
+        sensors, step, noise, pose = self.config.sensors, self.state.step, self._step_noise(), self.state.pose
         t_s, headings = self.config.plant.sampling_time, []
-        if due(step, sensors.fix_rate, t_s):
+        if is_due(step, sensors.fix_rate, t_s):
             fix = measured_fix(pose, self._fix_errors, noise, sensors)
             self._fix_errors = fix.errors
             if not fix.lost:
                 reading = PoseReading(self.stamp, fix.pose, np.diag(fix_variances(sensors)))
                 self._fixes.append((step + delay_in_steps(sensors.fix_delay, t_s), reading))
-        if due(step, sensors.heading_rate, t_s):
+        if is_due(step, sensors.heading_rate, t_s):
             R = np.array([[uniform_variance(sensors.heading_error_max)]])
             headings.append(HeadingReading(self.stamp, measured_heading(pose, noise, sensors), R))
-        if due(step, sensors.detector.detection_rate, t_s):
+        if is_due(step, sensors.detector.detection_rate, t_s):
             found = detected_dock(pose, noise, sensors.detector)
             if not found.lost:
                 R = np.diag(np.square((found.sigma, found.sigma, found.yaw_sigma)))
                 arrival = step + delay_in_steps(sensors.detector.detection_delay, t_s)
                 self._detections.append((arrival, PoseReading(self.stamp, found.pose, R)))
-        landmarks = self._measure_landmarks(noise) if due(step, sensors.landmark_rate, t_s) else []
+        landmarks = self._measure_landmarks(noise) if is_due(step, sensors.landmark_rate, t_s) else []
         return Arrivals(_arrived(self._fixes, step), headings, landmarks, _arrived(self._detections, step))
 
     def _measure_landmarks(self, noise: Any) -> list[LandmarkReading]:
@@ -201,30 +201,27 @@ class World:
         return found
 
     def turn_rate(self) -> GyroSample | None:
-        """Return what the gyro measures over the step that ends now; None if it is not due."""
+        """Return the gyro's turn rate over the last step; None if the gyro does not measure at this step."""
         sensors = self.config.sensors
-        if not rate_due(self.state.step, sensors, self.config.plant.sampling_time):
+        if not is_gyro_due(self.state.step, sensors, self.config.plant.sampling_time):
             return None
-        rate = measured_rate(self.state.twist.omega, self._numbers(), sensors)
+        rate = measured_turn_rate(self.state.twist.omega, self._step_noise(), sensors)
         return GyroSample(self.stamp, rate, uniform_variance(GYRO_ERROR_MAX))
 
 
-_Reading = TypeVar("_Reading")
-
-
-def _arrived(waiting: list[tuple[int, _Reading]], step: int) -> list[_Reading]:
-    """Remove and return what arrives at ``step``, oldest first."""
-    ready = [measured for arrival, measured in waiting if arrival <= step]
+def _arrived(waiting: list[tuple[int, PoseReading]], step: int) -> list[PoseReading]:
+    """Remove and return the readings that arrive at ``step``, oldest first."""
+    ready = [reading for arrival, reading in waiting if arrival <= step]
     waiting[:] = [one for one in waiting if one[0] > step]
     return ready
 
 
 DOCK = DockedPose(0.0, 0.0, 0.0)
-"""The plant's detector measures the pose of the docked robot itself."""
+"""The detections of the plant are poses of the docked robot."""
 
 
 def measurements_of(arrivals: Arrivals) -> list[Measurement]:
-    """Return what the filter gets of the world's readings."""
+    """Return the measurements for the filter."""
     return [
         *(pose_fix(*one) for one in arrivals.fixes),
         *(heading(*one) for one in arrivals.headings),
@@ -234,13 +231,13 @@ def measurements_of(arrivals: Arrivals) -> list[Measurement]:
 
 
 class Drive(NamedTuple):
-    """One goal, how it ended, and a row for each step from its acceptance to its answer."""
+    """A drive to one goal: how it ended, and a row for each step until the answer."""
 
     goal: Pose
     end: str
     """one of record.ENDS"""
     reason: str
-    """of the end, where there is more to say"""
+    """reason for the end; may be empty"""
     time: Array
     """(n,) [s]"""
     truth: Array
@@ -258,52 +255,52 @@ class Drive(NamedTuple):
 
     @property
     def is_reached(self) -> bool:
-        """True if the answer is that the goal is reached."""
+        """Return True if the goal was reached."""
         return self.end == REACHED
 
     @property
     def duration(self) -> float:
-        """Time [s] until the answer."""
+        """Return the time [s] until the answer."""
         return float(self.time[-1] - self.time[0])
 
     @property
     def error(self) -> Pose:
-        """The true pose at the answer [m, m, rad], in the goal's frame."""
+        """Return the true pose at the answer [m, m, rad] in the goal's frame."""
         return into_frame(Pose(*self.truth[-1].tolist()), self.goal)
 
     @property
     def position_error(self) -> float:
-        """Distance [m] of the true pose from the goal at the answer."""
+        """Return the distance [m] of the true pose from the goal at the answer."""
         return math.hypot(self.error.x, self.error.y)
 
 
-class SimulatedRobot:
-    """A simulated robot with the filter and the supervisor of the nodes; time goes on from drive to drive."""
+class ClosedLoop:
+    """A simulated robot with the filter and the supervisor of the nodes. A drive continues where the last one ended."""
 
     def __init__(
         self, world: WorldConfig, localization: LocalizationConfig, supervisor: SupervisorConfig, law: type[Law]
     ) -> None:
-        """Put the robot at its start, with a filter that waits for its first fix."""
+        """Put the robot at its start. The filter waits for its first fix."""
         self.world, self.supervisor = World(world), Supervisor(supervisor, law)
         points = tuple(world.landmarks.points().values())
         self._filter = Localization(localization, world.plant.wheels.wheel_separation, landmarks=points)
         self.estimate: Pose | None = None
-        """None before the first fix"""
+        """estimated pose; None before the first fix"""
         self.uncertainty: Uncertainty = CERTAIN
         """standard deviations of the estimate"""
 
     @property
     def truth(self) -> Pose:
-        """The true pose [m, m, rad] in map."""
+        """Return the true pose [m, m, rad] in map."""
         return self.world.state.pose
 
     @property
     def time(self) -> float:
-        """Time [s] of the present state."""
+        """Return the time [s] of the present state."""
         return self.world.stamp * S_PER_NS
 
     def sense(self) -> None:
-        """Sense and filter at the present step; once a step. What comes too late or too early is dropped."""
+        """Measure and update the filter. Call it once at each step."""
         self._filter.on_measurements(measurements_of(self.world.sense()))
         reading = self.world.turn_rate()
         try:
@@ -315,7 +312,7 @@ class SimulatedRobot:
         self.estimate, self.uncertainty = found.pose, uncertainty_of(found.P)
 
     def drive(self, goal: Pose) -> Drive:
-        """Drive to a goal in map until it is answered: reached, or not and why."""
+        """Drive to a goal in map until the supervisor answers that it is reached, or why not."""
         supervisor, began = self.supervisor, self.time
         supervisor.on_goal(goal, GoalRequest(source="simulation", time=began))
         rows, regions, reached = [], [], []
@@ -334,37 +331,37 @@ class SimulatedRobot:
 
     def _command(self, began: float) -> Twist:
         now, supervisor = self.time, self.supervisor
-        if now - began > _LONGEST:
-            supervisor.give_up(f"not reached within {_LONGEST:g} s")
+        if now - began > _MAX_DURATION:
+            supervisor.give_up(f"not reached within {_MAX_DURATION:g} s")
         if self.estimate is None:
             return supervisor.on_tick(now) or _STOP
         return supervisor.on_pose(self.world.stamp, now, self.estimate, self.uncertainty) or _STOP
 
 
 class LoopRecord(NamedTuple):
-    """One run of the reference loop, a row per sampling time from 0 on."""
+    """One run of the reference loop, with a row for each step."""
 
     time: Array
     """(n,) [s]"""
     truth: Array
     """(n, 3) true pose [m, m, rad]"""
     feedback: Array
-    """(n, 3) pose given to the controller; nan before there is one"""
+    """(n, 3) pose that the controller receives; nan before the first one"""
     command: Array
-    """(n, 2) v, omega of the command that follows [m/s, rad/s]"""
+    """(n, 2) v, omega of the command that answers this pose [m/s, rad/s]"""
     region: NDArray[np.int64]
-    """(n,) region in force"""
+    """(n,) 0: Omega_G, 1: Omega_L"""
     reached: NDArray[np.bool_]
-    """(n,) True once the controller has reported the goal as reached"""
+    """(n,) True once the controller reports the goal as reached"""
     sigma: Array
-    """(n,) [m] standard deviation of the position given to the controller; 0 for a feedback without one"""
+    """(n,) [m] standard deviation of the estimated position; 0 for feedback other than the filter's"""
 
 
-def robot_of(world: WorldConfig, localization: LocalizationConfig | None = None) -> Robot:
-    """Return what determines motion, measurements and estimate of a run in a world."""
+def simulated_robot(world: WorldConfig, localization: LocalizationConfig | None = None) -> SimulatedRobot:
+    """Return plant, sensors, filter and landmarks of the robot in a world."""
     points = tuple(world.landmarks.points().values())
     options = options_of(localization or LocalizationConfig(), world.plant.wheels.wheel_separation, points)
-    return Robot(world.plant, world.sensors, options, np.array(points, dtype=np.float64).reshape(-1, 2))
+    return SimulatedRobot(world.plant, world.sensors, options, np.array(points, dtype=np.float64).reshape(-1, 2))
 
 
 def simulate(
@@ -376,28 +373,32 @@ def simulate(
     localization: LocalizationConfig | None = None,
     law: type[Law] = SwitchingLaw,
 ) -> LoopRecord:
-    """Run the closed loop for ``steps`` sampling times: the batch engine's loop as plain Python.
+    """Simulate the closed loop for ``steps`` sampling times by the batch engine's loop, run as plain Python.
 
-    In each, as in the graph: the sensors deliver, the filter answers the odometry with a pose, the controller answers
-    the pose with a command, the plant holds it for one sampling time.
+    In each step, as in the graph, the sensors deliver, the filter answers the odometry with a pose, the controller
+    answers the pose with a command, and the plant holds the command for one sampling time.
 
     Raises:
-        InvalidValueError: for a feedback that is none of FEEDBACKS, less than one step, or options of the odometry,
-            which the loop does not know; see :func:`robot_step.check_robot`.
+        InvalidValueError: if the feedback is not one of FEEDBACKS, for less than one step, for options of the odometry,
+            which the loop does not support, or for a robot that :func:`robot_step.check_robot` refuses.
     """
     if localization is not None and localization.odometry != OdometryConfig():
-        raise InvalidValueError("odometry", tuple(localization.odometry), "the default in the batch engine's loop")
+        raise InvalidValueError(
+            "odometry",
+            tuple(localization.odometry),
+            "the default in this simulation",
+        )
     if feedback not in FEEDBACKS:
         raise InvalidValueError("feedback", feedback, "one of " + ", ".join(FEEDBACKS))
     if steps < 1:
         raise InvalidValueError("steps", steps, ">= 1")
-    robot = robot_of(world, localization)
+    robot = simulated_robot(world, localization)
     case = Case(robot, controller, goal, FEEDBACKS.index(feedback), False, steps, math.inf, math.inf)
     check_robot(robot, (localization or LocalizationConfig()).history_length)
     purposes = purposes_of(world.sensors, len(robot.landmarks), world.plant.slip_noise)
     noise = NoiseSource().run(world.seed, world.run, steps + 1, purposes)
     rows: Array = np.empty((steps + 1, len(HISTORY_COLUMNS)))
-    make_loop(law, case.feedback)(case, new_recent(robot), noise, Pose(*world.start), rows)
+    make_loop(law, case.feedback)(case, new_buffers(robot), noise, Pose(*world.start), rows)
     time: Array = np.arange(steps + 1) * np.float64(world.plant.sampling_time)
     flags = rows[:, 10].astype(np.int64), rows[:, 11] > 0.0
     return LoopRecord(time, rows[:, 0:3], rows[:, 3:6], rows[:, 6:8], *flags, rows[:, 8])

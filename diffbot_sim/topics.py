@@ -1,4 +1,4 @@
-"""Publishers of the plant. Each message is created once and filled for each step."""
+"""Publishers of the plant. Each message object is created once and filled again at each step."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class PlantTopics:
     """Publishers of the plant."""
 
     def __init__(self, node: DiffbotNode[PlantNodeConfig]) -> None:
-        """Create the publishers on ``node``, whose health counts the messages."""
+        """Create the publishers on ``node``. The node's health counts the messages."""
         config, robot = node.config, robot_frame(node.config)
         self._frames = odometry_frame(config), robot
         self._health = node.health
@@ -44,7 +44,7 @@ class PlantTopics:
         self._heading, self._imu, self._cloud = Imu(), Imu(), PointCloud2()
         for message in (self._heading, self._imu, self._cloud):
             message.header.frame_id = robot
-        # REP-145: -1 in the first entry of a covariance means that the message does not hold the quantity.
+        # REP-145: -1 in the first element of a covariance means that the message does not contain the quantity.
         self._heading.angular_velocity_covariance[0] = self._imu.orientation_covariance[0] = -1.0
         self._heading.linear_acceleration_covariance[0] = self._imu.linear_acceleration_covariance[0] = -1.0
         self._heading.orientation_covariance[[0, 4]] = self._imu.angular_velocity_covariance[[0, 4]] = 1e6
@@ -65,20 +65,22 @@ class PlantTopics:
         self._clocks = publisher(Clock, "/clock") if config.clock != WALL else None
         self._transforms = None
         if config.publish_tf and TFMessage is None:
-            node.get_logger().info("tf2_msgs is not installed: no TF is published")
+            node.get_logger().info("TF is not published, since tf2_msgs is not installed")
         elif config.publish_tf:
             self._transforms = node.create_publisher(TFMessage, TF_TOPIC, TRANSFORMS)
 
     def required(self, fixes: bool) -> list[Any]:
-        """Return the publishers that need a subscription before the first step; joint_states replaces odom.
+        """Return the publishers that need a subscription before the first step.
+
+        A filter may subscribe to joint_states instead of odom.
 
         Args:
             fixes: True if the plant sends fixes.
         """
-        moving = self._odometries
+        wheels = self._odometries
         if self._joint_states.get_subscription_count() and not self._odometries.get_subscription_count():
-            moving = self._joint_states
-        return [moving, self._fixes] if fixes else [moving]
+            wheels = self._joint_states
+        return [wheels, self._fixes] if fixes else [wheels]
 
     def subscription_counts(self) -> tuple[int, ...]:
         """Return the number of subscriptions to each topic that a filter may use."""
@@ -86,7 +88,7 @@ class PlantTopics:
         return tuple(publisher.get_subscription_count() for publisher in publishers)
 
     def publish_truth(self, world: World) -> None:
-        """Send time and true state only; filters do not use them."""
+        """Send only time and true state, which filters do not use."""
         if self._clocks is not None:
             set_stamp(self._clock_message.clock, world.stamp)
             self._clocks.publish(self._clock_message)
@@ -94,7 +96,7 @@ class PlantTopics:
             self._send_odometry(self._truths, self._truth, world.stamp, world.state.pose, world.state.twist)
 
     def publish(self, world: World, arrivals: Arrivals) -> None:
-        """Send all messages of the present step. The odometry is the last one, since the filter answers it."""
+        """Send all messages of the present step. The odometry is the last message, since the filter answers it."""
         stamp, in_odom, odometry, rate = world.stamp, world.state.odometry, world.odometry(), world.turn_rate()
         self.publish_truth(world)
         for fix in arrivals.fixes:

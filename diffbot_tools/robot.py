@@ -18,7 +18,7 @@ from diffbot_core.schema import build, to_dict
 from diffbot_core.yaml_files import PARAMETERS, load_yaml, values_for
 from diffbot_sim.config import StartPose, WorldConfig
 from diffbot_sim.parameters import PlantNodeConfig
-from diffbot_sim.simulation import SimulatedRobot
+from diffbot_sim.simulation import ClosedLoop
 from diffbot_tools.parameter_file import values_of
 from diffbot_tools.robot_description import PRESETS, RobotDescription, file_of_robot
 
@@ -69,9 +69,9 @@ class RobotConfig(NamedTuple):
         world = world if start is None else world._replace(start=start)
         return world, self.ekf.localization, self.controller.supervisor, self.law
 
-    def simulation(self, seed: int = 1) -> SimulatedRobot:
+    def simulation(self, seed: int = 1) -> ClosedLoop:
         """Return a simulation of the robot, at rest at its start pose."""
-        return SimulatedRobot(*self.parts(seed))
+        return ClosedLoop(*self.parts(seed))
 
 
 def read_robot(source: str | PathLike[str] | RobotDescription) -> RobotConfig:

@@ -1,4 +1,4 @@
-"""The plain values of a campaign, in a module of their own: the command line lists them without loading the filter."""
+"""Scalar options of a campaign. The command line imports this module, so it does not import the filter."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from diffbot_core.schema import Spec
 
 
 class CampaignOptions(NamedTuple):
-    """The plain values of a campaign; the same names in YAML and as flags."""
+    """Scalar options of a campaign, with the same names in YAML and as flags."""
 
     runs: Annotated[int, Spec("runs of each cell", minimum=1, maximum=10**9)] = 1000
     seed: Annotated[int, Spec("seed of all noise", minimum=0, maximum=2**63 - 1)] = 1
@@ -18,8 +18,8 @@ class CampaignOptions(NamedTuple):
     law: Annotated[str, Spec("law that drives: a registered name, or package.module:Class")] = "switching"
 
     def check(self) -> None:
-        """Raise InvalidValueError if there is no such feedback."""
-        from diffbot_sim.robot_step import FEEDBACKS  # noqa: PLC0415 - loads the filter and its libraries
+        """Raise InvalidValueError if the feedback is unknown."""
+        from diffbot_sim.robot_step import FEEDBACKS  # noqa: PLC0415 - imports the filter
 
         if self.feedback not in FEEDBACKS:
             raise InvalidValueError("feedback", self.feedback, known_name(self.feedback, FEEDBACKS))

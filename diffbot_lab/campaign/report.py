@@ -1,4 +1,4 @@
-"""``diffbot campaign``: run or resume a campaign, and write its results as JSON, CSV, pictures and a table."""
+"""``diffbot campaign``: run or resume a campaign, and write its results as JSON, CSV, figures and a table."""
 
 from __future__ import annotations
 
@@ -29,21 +29,21 @@ _ECDF_METRICS = (
     ("heading_error", "final heading error [rad]"),
 )
 _MAX_CURVES = 12
-"""Cells drawn in one figure of distributions; more are not legible."""
+"""Largest number of cells in the figure of distributions."""
 _MAX_LABELS = 30
-"""Columns or rows of a heat map up to which each is labelled and each cell shows its number."""
+"""Largest number of rows or columns of a heat map of which each is labelled and each cell shows its value."""
 
 
 def run_and_report(
     file: Path | None, flags: Mapping[str, Any], out: Path, workers: int | None, scheduler: str | None
 ) -> int:
-    """Run or resume the campaign of a YAML file and flags; write its results to ``out``.
+    """Run or resume the campaign of a YAML file and flags, and write its results to ``out``.
 
     Returns:
-        0, or 130 if it was interrupted; finished chunks are kept.
+        Exit status: 0, or 130 after an interruption, which keeps finished chunks.
 
     Raises:
-        DiffbotError: for a bad description, another campaign's folder, an unreachable scheduler.
+        DiffbotError: for a wrong description, the folder of another campaign, or an unreachable scheduler.
     """
     campaign = read_campaign(file, flags)
     if scheduler is not None:
@@ -57,15 +57,15 @@ def _run_on(make_executor: Callable[[], Executor], number: int, campaign: Campai
     """Run a campaign with ``number`` workers; see :func:`run_and_report`."""
     with output_folder(out):
         if (out / RESULTS).exists() and not (out / JOURNAL).exists():
-            raise DiffbotError(f"{out / RESULTS} is not of a campaign with a journal: choose another --out")
+            raise DiffbotError(f"{out / RESULTS} was not written by a campaign: choose another --out")
         journal = Journal(out / JOURNAL, campaign)
     if journal.damaged:
-        print(f"{journal.damaged} damaged lines of {out / JOURNAL} do not count: runs are repeated", file=sys.stderr)
+        print(f"{out / JOURNAL} has {journal.damaged} damaged lines: their runs are repeated", file=sys.stderr)
     try:
         run_campaign(campaign, journal, make_executor, number)
     except KeyboardInterrupt:
         done, total = sum(one.runs for one in journal.statistics), campaign.options.runs * len(campaign.cells)
-        print(f"interrupted: {done} of {total} runs are kept; the same command goes on from there", file=sys.stderr)
+        print(f"interrupted: {done} of {total} runs are kept; repeat the command to continue", file=sys.stderr)
         return 130
     finally:
         journal.close()
@@ -76,10 +76,10 @@ def _run_on(make_executor: Callable[[], Executor], number: int, campaign: Campai
 
 
 def write_report(campaign: Campaign, statistics: list[CellStatistics], folder: Path) -> list[Path]:
-    """Write all results below ``folder`` and return their paths.
+    """Write all results to ``folder`` and return their paths.
 
     Raises:
-        DiffbotError: if something cannot be written.
+        DiffbotError: if a file cannot be written.
     """
     rows = [{**cell.values, **one.summary()} for cell, one in zip(campaign.cells, statistics, strict=True)]
     name = {"identity": campaign.identity, "sources": code_version()}
@@ -103,7 +103,10 @@ def _csv(rows: list[dict[str, Any]]) -> str:
 
 
 def _draw_heat_maps(campaign: Campaign, rows: list[dict[str, Any]], folder: Path) -> list[Path]:
-    """Draw share settled and median settling time over the first two varying parameters, the others at their first."""
+    """Draw success rate and median settling time over two parameters.
+
+    These are the first two parameters of the grid with several values. The other parameters have their first value.
+    """
     grid: dict[str, list[Any]] = campaign.description["grid"]
     varied = [name for name, values in grid.items() if len(values) > 1]
     if not varied:
@@ -132,13 +135,21 @@ def _draw_heat_map(
     colours: tuple[str, float | None, float | None],
     path: Path,
 ) -> None:
-    """Draw values (rows, columns) with names and values of both axes, and label, minimum and maximum of the colours."""
+    """Draw a heat map of ``shown`` (rows, columns).
+
+    Args:
+        shown: values of the cells.
+        across: name and values of the parameter of the columns.
+        down: name and values of the parameter of the rows.
+        colours: label, minimum and maximum of the colour scale.
+        path: file to write.
+    """
     rows, columns = shown.shape
     width, height = min(2.6 + 0.8 * columns, 26.0), min(1.8 + 0.6 * rows, 20.0)
     figure, axes = new_figure(1, (max(width, 5.0), max(height, 2.4)))
     axes.grid(visible=False)
-    label, least, most = colours
-    image = axes.imshow(shown, aspect="auto", origin="lower", cmap="viridis", vmin=least, vmax=most)
+    label, lowest, highest = colours
+    image = axes.imshow(shown, aspect="auto", origin="lower", cmap="viridis", vmin=lowest, vmax=highest)
     for set_ticks, values in ((axes.set_xticks, across[1]), (axes.set_yticks, down[1])):
         places = range(0, len(values), math.ceil(len(values) / _MAX_LABELS))
         set_ticks(places, [f"{values[i]:g}" if isinstance(values[i], float) else f"{values[i]}" for i in places])
@@ -167,7 +178,7 @@ def _draw_distributions(campaign: Campaign, statistics: list[CellStatistics], pa
         axes.set_ylim(0.0, 1.02)
         if metric != "settling_time":
             axes.set_xscale("symlog", linthresh=1e-3)
-    if all_axes[1].get_lines():  # every run has a position error, but not each settles
+    if all_axes[1].get_lines():  # every run has a position error, but not every run settles
         all_axes[1].legend(fontsize="x-small")
     left_out = len(campaign.cells) - len(shown)
     if left_out:
@@ -176,7 +187,7 @@ def _draw_distributions(campaign: Campaign, statistics: list[CellStatistics], pa
 
 
 def table(campaign: Campaign, statistics: list[CellStatistics]) -> str:
-    """Lay out the cells for a terminal, at most 40."""
+    """Return a table of the first 40 cells for a terminal."""
     names = list(campaign.description["grid"])
     head = "".join(f"{name[-14:]:>16}" for name in names)
     head += f"{'runs':>10}{'success':>9}{'[95 %]':>16}{'settle q50':>12}{'q95 [s]':>9}"

@@ -1,7 +1,7 @@
-"""Running a campaign: chunks of runs in worker processes, here or on a cluster.
+"""Run a campaign as chunks of runs in worker processes, on this machine or on a cluster.
 
-Each finished chunk goes to the journal as counts. Counts add up exactly, so the result does not depend on the order of
-the chunks, on the number of workers or on interruptions.
+The counts of each finished chunk are written to the journal. Counts can be added exactly, so the result does not depend
+on the order of the chunks, on the number of workers, or on interruptions.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from diffbot_sim.batch import Starts, run_batch
 from diffbot_sim.robot_step import Case
 
 _CONNECT_TIMEOUT = 10.0
-"""[s] to reach the scheduler of a cluster"""
+"""[s] timeout for the connection to the scheduler of a cluster"""
 _RETRIES = 3
-"""Times in a row that a pool is restarted after a killed worker without any chunk finished in between."""
+"""Restarts of a pool in a row, after killed workers, without a finished chunk in between."""
 
 
 class Chunk(NamedTuple):
-    """Runs ``first`` to ``first + number - 1`` of one cell; all that a worker needs to run them."""
+    """Runs ``first`` to ``first + number - 1`` of one cell, with everything that a worker needs."""
 
     cell: int
     first: int
@@ -40,25 +40,25 @@ class Chunk(NamedTuple):
     starts: Starts
     seed: int
     law: str
-    """as for resolve_law"""
+    """argument of resolve_law"""
     sources: str
-    """hash of the code that the campaign runs"""
+    """hash of the code of the campaign"""
 
 
 def run_chunk(chunk: Chunk) -> dict[str, Any]:
-    """Run a chunk in a worker; return its counts.
+    """Simulate a chunk in a worker; return its counts.
 
     Raises:
-        DiffbotError: on a worker that has another version of the code.
+        DiffbotError: if the worker has another version of the code.
     """
     if chunk.sources != code_version():
-        raise DiffbotError("a worker has another version of the code")
+        raise DiffbotError("a worker has another version of the code: install the same version on all workers")
     runs = chunk.seed, chunk.first, chunk.number
     return count_outcomes(run_batch(chunk.case, chunk.starts, *runs, threads=1, law=resolve_law(chunk.law)))
 
 
 def open_chunks(campaign: Campaign, done: set[tuple[int, int]]) -> Iterator[Chunk]:
-    """Yield the chunks that are not in ``done``, cell by cell."""
+    """Yield the chunks that are not in ``done``, ordered by cell."""
     for number, cell in enumerate(campaign.cells):
         chunks = campaign.chunks(number)
         for first in chunks:
@@ -69,16 +69,16 @@ def open_chunks(campaign: Campaign, done: set[tuple[int, int]]) -> Iterator[Chun
 
 
 def run_campaign(campaign: Campaign, journal: Journal, make_executor: Callable[[], Executor], workers: int) -> None:
-    """Run what is missing in the journal.
+    """Run the chunks that are missing in the journal.
 
     Args:
-        campaign: what to run.
-        journal: where finished chunks go.
-        make_executor: called at the start, and again if a killed worker broke the pool.
-        workers: how many chunks run at a time; twice as many are submitted.
+        campaign: the campaign.
+        journal: journal of the campaign, to which finished chunks are written.
+        make_executor: called at the start, and again after a killed worker broke the pool.
+        workers: number of chunks that run at a time. Twice as many are submitted.
 
     Raises:
-        DiffbotError: if the workers keep dying, or a chunk cannot be written.
+        DiffbotError: if workers are killed again and again, or if a chunk cannot be written.
     """
     total = campaign.options.runs * len(campaign.cells)
     finished = sum(one.runs for one in journal.statistics)
@@ -94,13 +94,14 @@ def run_campaign(campaign: Campaign, journal: Journal, make_executor: Callable[[
             except BrokenExecutor:
                 failures = 1 if len(journal.done) > before else failures + 1
                 if failures > _RETRIES:
-                    raise DiffbotError("the workers keep dying (out of memory?); finished chunks are kept") from None
+                    text = "the workers keep dying, perhaps for lack of memory: finished chunks are kept"
+                    raise DiffbotError(text) from None
 
 
 def _completed(
     chunks: Iterator[Chunk], make_executor: Callable[[], Executor], window: int
 ) -> Iterator[tuple[Chunk, dict[str, Any]]]:
-    """Yield chunks and counts in order of completion; at most ``window`` are submitted at a time, to bound memory."""
+    """Yield chunks and counts in order of completion. At most ``window`` chunks are submitted at a time."""
     executor = make_executor()
     running: dict[Future[dict[str, Any]], Chunk] = {}
     try:
@@ -123,7 +124,7 @@ def _result(future: Future[dict[str, Any]]) -> dict[str, Any]:
         return future.result()
     except (BrokenExecutor, DiffbotError):
         raise
-    except Exception as error:  # of any kind: it comes from another machine
+    except Exception as error:  # a worker of a cluster can raise anything
         text = " ".join(f"{type(error).__name__} {error}".split())
         raise DiffbotError(f"a worker failed: {text}; finished chunks are kept") from error
 
@@ -134,13 +135,13 @@ def process_pool(workers: int) -> Executor:
 
 
 def _ignore_interrupt() -> None:
-    # Ctrl-C reaches all processes of the terminal; the campaign itself ends the workers.
+    # Ctrl-C reaches all processes of the terminal, but the campaign shuts its workers down.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 @contextmanager
 def cluster_executor(address: str) -> Iterator[tuple[Callable[[], Executor], int]]:
-    """Give an executor on a dask.distributed cluster and its number of workers; leave the cluster afterwards.
+    """Connect to a dask.distributed cluster; yield a function that makes an executor, and the number of workers.
 
     Raises:
         DiffbotError: if distributed is not installed or no scheduler answers.
@@ -156,5 +157,5 @@ def cluster_executor(address: str) -> Iterator[tuple[Callable[[], Executor], int
     with client:
         workers = sum(client.nthreads().values())
         if workers == 0:
-            raise DiffbotError(f"the scheduler at {address} has no workers")
+            raise DiffbotError(f"the scheduler at {address} has no workers: start some with `dask worker {address}`")
         yield lambda: client.get_executor(retries=_RETRIES, pure=False), workers

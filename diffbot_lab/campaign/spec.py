@@ -1,4 +1,4 @@
-"""Description of a campaign: read from YAML and flags, checked, and expanded into cells."""
+"""Read the description of a campaign from YAML and flags, check it, and expand its grid into cells."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ from diffbot_sim.robot_step import EKF, TRUTH, Case
 _MAX_CELLS = 10_000
 _LISTS = ("start", "grid", "set")
 _STEPS_PER_CHUNK = 2_000_000
-"""About half a second of one core: frequent enough for the progress bar, and little is lost in a crash."""
+"""About half a second of one core, which is short enough for the progress bar and for interruptions."""
 _RUNS_PER_CHUNK = 100_000
-"""A worker holds the outcomes of all runs of a chunk in memory."""
+"""Limit of a worker's memory, which holds the outcomes of all runs of a chunk."""
 
 
 @functools.cache
 def code_version() -> str:
-    """Return the hash that names the code of a campaign's results: what runs, from where, and how it is counted."""
+    """Return the hash of the code that determines the results of a campaign."""
     return hash_of_code((*PACKAGES, "diffbot_tools", "diffbot_lab"), LIBRARIES)
 
 
@@ -46,12 +46,12 @@ class Cell(NamedTuple):
     """One point of the grid."""
 
     values: dict[str, Any]
-    """the grid's parameters at this point"""
+    """values of the grid's parameters"""
     case: Case
     law: str
-    """as for :func:`resolve_law`"""
+    """argument of :func:`resolve_law`"""
     version: str
-    """of the law's code, for the identity"""
+    """hash of the law's code"""
 
 
 class Campaign(NamedTuple):
@@ -61,16 +61,16 @@ class Campaign(NamedTuple):
     starts: Starts
     cells: list[Cell]
     description: dict[str, Any]
-    """values of YAML and flags, for the record"""
+    """values from YAML and flags"""
 
     @property
     def identity(self) -> str:
-        """Hash of all that decides the results, with all defaults and presets: options, starts and every case."""
+        """Return a hash of all values that determine the results, including defaults and presets."""
         return hash_of_values([self.options, self.starts, *self.cells])
 
     @property
     def heading(self) -> str:
-        """One line that names law, preset, feedback, and all values that are not the default."""
+        """Return a line with law, preset, feedback, and all values that are not the default."""
         given, options = self.description["set"], self.options
         law = options.law
         if law == SwitchingLaw.name and "preset" not in self.description["grid"]:
@@ -80,16 +80,16 @@ class Campaign(NamedTuple):
         return text + (", ".join(changed) or "nothing")
 
     def chunks(self, cell: int) -> range:
-        """Return the first runs of all chunks of a cell; ``step`` is the number of runs of each but the last one."""
+        """Return the first run of each chunk of a cell. ``step`` is the size of a chunk, except for the last chunk."""
         size = min(max(1, _STEPS_PER_CHUNK // self.cells[cell].case.steps), _RUNS_PER_CHUNK)
         return range(0, self.options.runs, size)
 
 
 def read_campaign(path: Path | None, flags: Mapping[str, Any]) -> Campaign:
-    """Make a campaign from a YAML file and flags, which take precedence.
+    """Read a campaign from a YAML file and flags. Flags take precedence.
 
     Raises:
-        DiffbotError: in one line: a file that cannot be read, an unknown key, a value that is not allowed.
+        DiffbotError: for a file that cannot be read, an unknown key, or a value that is not allowed.
     """
     content: Any = {}
     if path is not None:
@@ -103,10 +103,10 @@ def read_campaign(path: Path | None, flags: Mapping[str, Any]) -> Campaign:
 
 
 def make_campaign(content: Mapping[str, Any]) -> Campaign:
-    """Check a campaign's description and expand its grid.
+    """Check the description of a campaign and expand its grid.
 
     Raises:
-        InvalidValueError: naming the key, its value and the bound.
+        InvalidValueError: for an unknown key or a value that is not allowed.
     """
     known = [*CampaignOptions._fields, *_LISTS]
     for key in content:
@@ -120,9 +120,9 @@ def make_campaign(content: Mapping[str, Any]) -> Campaign:
             raise InvalidValueError(f"grid.{name}", values, "a list with at least one value")
         numbers = [value for value in values if _is_number(value)]
         if len(set(numbers)) < len(numbers):
-            raise InvalidValueError(f"grid.{name}", values, sentence="a value occurs twice")
+            raise InvalidValueError(f"grid.{name}", values, sentence="each value may be given only once")
         if name in fixed:
-            raise InvalidValueError(f"set.{name}", fixed[name], sentence="it is in set and in grid")
+            raise InvalidValueError(f"set.{name}", fixed[name], sentence="it is given in set and in grid; give it once")
     cells = _cells(options, fixed, grid)
     for cell in cells:
         check_case(cell.case, starts)
@@ -142,16 +142,16 @@ def _cells(options: CampaignOptions, fixed: Mapping[str, Any], grid: Mapping[str
         config = configure({**fixed, **point}, law)
         case = make_case(config, options.duration, law=law, feedback=options.feedback)
         cells.append(Cell(point, case, name, law_version(law)))
-    unread = _unread(options.feedback)
+    ignored = _ignored_parameters(options.feedback)
     for part, given in (("set", fixed), ("grid", grid)):
         for name, value in given.items():
-            if name in unread:
-                raise InvalidValueError(f"{part}.{name}", value, sentence=f"it acts only with {unread[name]}")
+            if name in ignored:
+                raise InvalidValueError(f"{part}.{name}", value, sentence=f"it has an effect only with {ignored[name]}")
     return cells
 
 
-def _unread(feedback: str) -> dict[str, str]:
-    """Return the parameters that runs with this feedback do not read, and the feedback with which they would."""
+def _ignored_parameters(feedback: str) -> dict[str, str]:
+    """Return the parameters without effect for this feedback, and the feedback with which they have an effect."""
     found: dict[str, str] = {}
     if feedback != EKF:
         found |= dict.fromkeys((one.name for one in parameters_of(FilterConfig)), "feedback: ekf")
@@ -162,7 +162,7 @@ def _unread(feedback: str) -> dict[str, str]:
 
 
 def _starts(start: Any) -> Starts:
-    """Read one of ``{list: [[x, y, theta], ...]}``, ``{box: {x: [low, high], ...}}``, ``{circle: {...}}``."""
+    """Read ``{list: [[x, y, theta], ...]}``, ``{box: {x: [low, high], ...}}`` or ``{circle: {radius: ...}}``."""
     if not isinstance(start, dict) or len(start) != 1 or next(iter(start)) not in ("list", "box", "circle"):
         raise InvalidValueError("start", start, "one of list, box, circle with its values")
     kind, value = next(iter(start.items()))
@@ -197,7 +197,7 @@ def _interval(name: str, value: Any) -> list[float]:
 
 
 def _numbers(name: str, value: Any, count: int | None, bound: str) -> list[float]:
-    """Return a value from YAML as a list of ``count`` coordinates, at least one for None."""
+    """Return a value from YAML as a list of ``count`` coordinates, or of at least one if ``count`` is None."""
     if not isinstance(value, (list, tuple)) or not value or (count is not None and len(value) != count):
         raise InvalidValueError(name, value, bound)
     if not all(_is_number(one) and POSITION[0] <= one <= POSITION[1] for one in value):
@@ -207,7 +207,7 @@ def _numbers(name: str, value: Any, count: int | None, bound: str) -> list[float
 
 def _is_number(value: Any) -> bool:
     """Return True if a value from YAML is a finite number."""
-    # By comparison: an integer may be too large to convert to a float.
+    # math.isfinite fails for integers that are too large for a float.
     return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
 
 

@@ -1,7 +1,7 @@
-"""Statistics of very many runs in little memory, independent of the order of the runs.
+"""Statistics of many runs in little memory, independent of the order of the runs.
 
-Only counts are kept, and counts add up exactly. A value is counted in a bin that is 0.5 % wide, so a quantile is exact
-to 0.25 %.
+Values are counted in bins of 0.5 % width, so quantiles are accurate to 0.25 %. Only the counts are stored. They can be
+added exactly in any order.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ Array = NDArray[np.float64]
 BIN_WIDTH = 0.005
 """Relative width of a bin."""
 SMALLEST = 1e-6
-"""Values below it (in any unit) count as 0."""
+"""Smaller values (in any unit) count as 0."""
 LARGEST = 1e300
-"""Values above it, infinity too, count as it."""
+"""Larger values, including infinity, count as this value."""
 QUANTILES = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
 METRICS = ("settling_time", "position_error", "heading_error", "path_length", "effort", "switches", "estimation_error")
-"""Quantities that are counted of each run; settling_time only of runs that settled."""
+"""Quantities that are counted for each run, unless they are nan, as the settling time of a run that did not settle."""
 
 _ZERO = -1
 _LOG_BASE = math.log1p(BIN_WIDTH)
 
 
 def bins_of(values: Array) -> dict[int, int]:
-    """Count non-negative values by bin; nan is left out."""
+    """Return the number of values in each bin, for non-negative values. Values of nan are ignored."""
     values = np.minimum(values[~np.isnan(values)], LARGEST)
     with np.errstate(divide="ignore"):
         bins = np.floor(np.log(values / SMALLEST) / _LOG_BASE)
@@ -48,7 +48,7 @@ def value_of(key: int) -> float:
 
 
 def quantile(bins: Counter[int], q: float) -> float:
-    """Return the q-quantile, the smallest value that at least a share q does not exceed; nan if nothing was counted."""
+    """Return the q-quantile, the smallest value that at least a share q of the values does not exceed; nan if empty."""
     total = sum(bins.values())
     if total == 0:
         return math.nan
@@ -62,7 +62,7 @@ def quantile(bins: Counter[int], q: float) -> float:
 
 
 def wilson(successes: int, total: int) -> tuple[float, float]:
-    """Return Wilson's 95 % interval of a share (E. B. Wilson, JASA 22, 1927) of ``total`` >= 1 trials."""
+    """Return Wilson's 95 % confidence interval of a share of ``total`` >= 1 trials (E. B. Wilson, JASA 22, 1927)."""
     interval = binomtest(successes, total).proportion_ci(0.95, method="wilson")
     return float(interval.low), float(interval.high)
 
@@ -71,14 +71,14 @@ class CellStatistics:
     """Counts of one cell."""
 
     def __init__(self) -> None:
-        """Start with nothing counted."""
+        """Set all counts to zero."""
         self.runs = 0
         self.settled = 0
         self.reached_local = 0
         self.bins: dict[str, Counter[int]] = {metric: Counter() for metric in METRICS}
 
     def add(self, counts: dict[str, Any]) -> None:
-        """Add the counts of a chunk, as :func:`count_outcomes` makes them."""
+        """Add the counts of a chunk from :func:`count_outcomes`."""
         self.runs += counts["runs"]
         self.settled += counts["settled"]
         self.reached_local += counts["reached_local"]
@@ -87,7 +87,7 @@ class CellStatistics:
                 self.bins[metric][key] += count
 
     def summary(self) -> dict[str, Any]:
-        """Return the cell's figures: success rate with interval, quantiles of each metric."""
+        """Return success rate with confidence interval, and quantiles of each metric."""
         low, high = wilson(self.settled, self.runs)
         figures: dict[str, Any] = {
             "runs": self.runs,
@@ -99,22 +99,22 @@ class CellStatistics:
         for metric in METRICS:
             for q in QUANTILES:
                 value = quantile(self.bins[metric], q)
-                # Changes of region are whole numbers; their bins are narrower than 1 up to 200.
+                # The number of switches is an integer, and bins up to 200 are narrower than 1.
                 value = float(round(value)) if metric == "switches" and not math.isnan(value) else value
                 figures[f"{metric}_q{100 * q:g}"] = None if math.isnan(value) else value
         return figures
 
     def ecdf(self, metric: str) -> tuple[list[float], list[float]]:
-        """Return values and the share of all runs at or below each."""
+        """Return the values of the empirical distribution, and for each the share of runs at or below it."""
         keys = sorted(self.bins[metric])
         shares = np.cumsum([self.bins[metric][key] for key in keys]) / self.runs
         return [value_of(key) for key in keys], shares.tolist()
 
 
 def count_outcomes(outcomes: Array) -> dict[str, Any]:
-    """Turn outcomes (runs, 12), columns as batch.COLUMNS, into counts that can be added and written as JSON.
+    """Count outcomes (runs, 12), columns as batch.COLUMNS; return counts that can be added and written as JSON.
 
-    Bins are pairs of key and count, since a key of a JSON object cannot be a number.
+    Bins are pairs of key and count, since JSON objects cannot have numbers as keys.
     """
     column = {name: outcomes[:, index] for index, name in enumerate(COLUMNS)}
     values = {

@@ -1,14 +1,14 @@
-"""The simulated robot as a Gymnasium environment (extra ``gym``); importing this package registers it.
+"""The simulated robot as a Gymnasium environment (extra ``gym``). Importing this package registers the environment.
 
-``gymnasium.make("diffbot_lab.gym:DiffbotGoal-v0")`` imports the package by itself.
+``gymnasium.make("diffbot_lab.gym:DiffbotGoal-v0")`` imports this package.
 """
 
 from gymnasium.envs.registration import register
 
 GOAL = "DiffbotGoal-v0"
-"""Drive to a goal pose, see :mod:`environment`."""
+"""Name of the environment."""
 MAX_STEPS = 300
-"""Steps of an episode, 30 s with the default sampling time; then it is truncated."""
+"""Steps after which an episode is truncated, 30 s with the default sampling time."""
 
 register(
     GOAL,

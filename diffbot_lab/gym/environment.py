@@ -1,34 +1,36 @@
 """``DiffbotGoal-v0``: drive the simulated robot to the pose (0, 0, 0) of map.
 
-Plant, sensors, noise and filter are those of the simulation; one step is one sampling time (0.1 s by default)::
+Plant, sensors, noise and filter are the same as in the simulation. One step is one sampling time, 0.1 s by default::
 
     import gymnasium
 
-    env = gymnasium.make("diffbot_lab.gym:DiffbotGoal-v0")  # or its name alone, after `import diffbot_lab.gym`
+    env = gymnasium.make("diffbot_lab.gym:DiffbotGoal-v0")
     observation, info = env.reset(seed=1)
     observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
 
-Action, ``Box(-1, 1, (2,))``: shares of ``v_max`` [m/s] and ``omega_max`` [rad/s] of the data sheet, 1.3 and 2.6 by
-default. The twist is then scaled down to the bound of the wheels, which keeps its curvature.
+An action, ``Box(-1, 1, (2,))``, contains shares of ``v_max`` [m/s] and ``omega_max`` [rad/s] of the data sheet, 1.3 and
+2.6 by default. If the twist exceeds the wheel speed limit, it is scaled down, which keeps its curvature.
 
-Observation, ``Box(7)``, from the pose that a controller would get (``feedback``), as float32:
+An observation, ``Box(7)`` of float32, is calculated from the pose that a controller would receive (``feedback``):
 
 ====== ================== ======= ==================================================================
 number value              unit    meaning
 ====== ================== ======= ==================================================================
-0      rho                m       distance of the goal, at most twice the distance that ends an episode
+0      rho                m       distance to the goal, clipped at twice the distance that ends an episode
 1, 2   cos, sin of alpha  -       bearing of the goal in the robot's frame
 3, 4   cos, sin of beta   -       bearing of the goal in the goal's frame; the heading is beta - alpha
-5      v                  m/s     speed over the last step by the encoders, within 2 ``v_max``
-6      omega              rad/s   turn rate over the last step by the encoders, within 2 ``omega_max``
+5      v                  m/s     mean speed over the last step from the encoders, clipped at 2 ``v_max``
+6      omega              rad/s   mean turn rate over the last step, clipped at 2 ``omega_max``
 ====== ================== ======= ==================================================================
 
-Reward of a step, from the true pose: the decrease of D = rho + 0.2 m/rad * abs(theta) [m], less 0.1 for each second,
-plus 10 at the goal, less 10 for leaving the arena. An episode is terminated at the goal, where the true pose is within
-the goal checker's tolerances (0.1 m, 0.1 rad) and the command at most 0.05 m/s and 0.1 rad/s, and where the true
-distance exceeds three times ``start_range``. ``gymnasium.make`` truncates it after 300 steps.
+The reward of a step is calculated from the true pose. It is the decrease of D = rho + 0.2 m/rad * abs(theta) [m], minus
+0.1 per second. Reaching the goal adds 10, and leaving the arena subtracts 10.
 
-Many at a time: ``gymnasium.make_vec("diffbot_lab.gym:DiffbotGoal-v0", num_envs=1024)``, see :mod:`vector`.
+The goal is reached if the true pose is within the goal checker's tolerances (0.1 m, 0.1 rad) and the command is at most
+0.05 m/s and 0.1 rad/s. The robot leaves the arena if its true distance from the goal exceeds three times
+``start_range``. Both terminate the episode. ``gymnasium.make`` truncates it after 300 steps.
+
+For many environments, use ``gymnasium.make_vec("diffbot_lab.gym:DiffbotGoal-v0", num_envs=1024)``, see :mod:`vector`.
 """
 
 from __future__ import annotations
@@ -49,49 +51,49 @@ from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import MAX_COORDINATE, Pose, wrap_angle
 from diffbot_core.kinematics import Twist, body_twist
 from diffbot_sim.config import StartPose, WorldConfig
-from diffbot_sim.fusion import new_recent
+from diffbot_sim.fusion import new_buffers
 from diffbot_sim.noise import NoiseSource, quiet_noise
 from diffbot_sim.robot_step import EKF, FEEDBACKS, SENSES, TRUTH, advance, check_robot, start
 from diffbot_sim.sensors import purposes_of
-from diffbot_sim.simulation import robot_of
+from diffbot_sim.simulation import simulated_robot
 
 Floats = NDArray[np.float32]
 
 ARENA = 3.0
-"""times ``start_range``: a distance beyond it ends an episode"""
+"""multiple of ``start_range`` at which an episode ends"""
 HEADING_WEIGHT = 0.2
-"""[m/rad] of the heading error in the distance that the reward counts"""
+"""[m/rad] weight of the heading error in the reward"""
 TIME_COST, END_REWARD = 0.1, 10.0
-"""[1/s] for each second; at the goal, and less for leaving the arena"""
+"""[1/s] cost of time; reward at the goal and cost of leaving the arena"""
 MAX_WAIT = 1000
-"""steps in which the robot waits for its first pose"""
+"""largest number of steps in which the robot waits for its first pose"""
 _MAX_SEED = 2**63 - 1
 
 
 class Task(NamedTuple):
-    """Values on which reward and end of an episode depend."""
+    """Values that determine rewards and ends of episodes."""
 
     data_sheet: DataSheet
     tolerance: GoalTolerance
     arena: float
-    """[m] from the goal: an episode ends beyond it"""
+    """[m] distance from the goal at which an episode ends"""
     sampling_time: float
     """[s]"""
 
 
-def requested(v: float, omega: float, data_sheet: DataSheet) -> Twist:
-    """Return the command of an action: shares of v_max and omega_max, each within -1 .. 1, inside all bounds."""
+def command_of(v: float, omega: float, data_sheet: DataSheet) -> Twist:
+    """Return the command for shares of v_max and omega_max within -1 .. 1, within the limits of the data sheet."""
     return limit_velocity(Twist(v * data_sheet.v_max, omega * data_sheet.omega_max), data_sheet)
 
 
-def observed(pose: Pose, twist: Twist) -> tuple[float, float, float, float, float, float, float]:
-    """Return the observation, not clipped, of the pose in the goal's frame and of the encoders' twist."""
+def observation_of(pose: Pose, twist: Twist) -> tuple[float, float, float, float, float, float, float]:
+    """Return the unclipped observation for a pose in the goal's frame and the encoders' twist."""
     rho, alpha, beta = navigation_variables(pose)
     return rho, math.cos(alpha), math.sin(alpha), math.cos(beta), math.sin(beta), twist.v, twist.omega
 
 
 def score(before: Pose, after: Pose, command: Twist, task: Task) -> tuple[float, bool, bool]:
-    """Return the reward of a step, and whether the robot is at rest at the goal or outside of the arena.
+    """Return the reward of a step, True if the goal is reached, and True if the robot has left the arena.
 
     ``before`` and ``after`` are true poses in the goal's frame.
     """
@@ -107,12 +109,12 @@ def score(before: Pose, after: Pose, command: Twist, task: Task) -> tuple[float,
 
 
 def distance(pose: Pose) -> float:
-    """Return the distance [m] that the reward counts, for a pose in the goal's frame."""
+    """Return the distance D [m] of the reward for a pose in the goal's frame."""
     return math.hypot(pose.x, pose.y) + HEADING_WEIGHT * abs(pose.theta)
 
 
 class DiffbotGoalEnv(gymnasium.Env[Floats, Floats]):
-    """The environment; the module describes action, observation and reward."""
+    """The environment, see :mod:`environment` for actions, observations and rewards."""
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012 - as gymnasium has it
 
@@ -124,18 +126,18 @@ class DiffbotGoalEnv(gymnasium.Env[Floats, Floats]):
         start_range: float = 5.0,
         render_mode: str | None = None,
     ) -> None:
-        """Describe the task.
+        """Create the environment.
 
         Args:
-            world: plant, sensors and landmarks; None for the paper's robot. Start and seed are drawn by :meth:`reset`.
-            feedback: one of FEEDBACKS: the filter's estimate, the newest fix, or the true pose.
-            data_sheet: what an action of 1 means, and the bound of the wheels; None for the paper's robot.
-            start_range: [m] x and y of the start are drawn uniformly within it, the heading from all directions.
-            render_mode: None, or rgb_array: :meth:`render` draws the present state.
+            world: plant, sensors and landmarks; None for the paper's robot. :meth:`reset` draws start and seed.
+            feedback: pose of the observations, one of FEEDBACKS: the filter's estimate, the newest fix, or the truth.
+            data_sheet: speeds of an action of 1, and the wheel speed limit; None for the paper's robot.
+            start_range: [m] bound of |x| and |y| of random starts.
+            render_mode: None, or ``rgb_array`` for :meth:`render`.
 
         Raises:
-            InvalidValueError: for another feedback, a range or bound that is not a positive number, or measurements
-                that the filter does not support, see :func:`robot_step.check_robot`.
+            InvalidValueError: for an unknown feedback, a range or speed that is not a positive number, or sensors that
+                :func:`robot_step.check_robot` refuses.
         """
         self.config, sheet = world or WorldConfig(), data_sheet or DataSheet()
         v_max, omega_max = sheet.v_max, sheet.omega_max
@@ -147,10 +149,10 @@ class DiffbotGoalEnv(gymnasium.Env[Floats, Floats]):
             if not 0.0 < value <= 1e3:
                 raise InvalidValueError(name, value, "> 0 and <= 1000")
         self.render_mode, self.feedback, self.start_range, self.world = render_mode, feedback, start_range, self.config
-        self.robot = robot_of(self.config)
+        self.robot = simulated_robot(self.config)
         if feedback != TRUTH:
             check_robot(self.robot, LocalizationConfig().history_length)
-        self._recent, self._source = new_recent(self.robot), NoiseSource()
+        self._buffers, self._source = new_buffers(self.robot), NoiseSource()
         self._noise = quiet_noise(1, len(self.robot.landmarks))
         self.task = Task(sheet, GoalTolerance(), ARENA * start_range, self.config.plant.sampling_time)
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (2,), np.float32)
@@ -159,66 +161,67 @@ class DiffbotGoalEnv(gymnasium.Env[Floats, Floats]):
         self.observation_space = gymnasium.spaces.Box(low, high, (7,), np.float32)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Floats, dict[str, Any]]:
-        """Begin an episode, at rest; the robot stands until there is a first pose.
+        """Begin an episode. The robot stands still until its first pose arrives.
 
         Args:
-            seed: of starts and noise, of this episode and those that follow; None goes on with the former one.
-            options: ``start``: x [m], y [m], theta [rad] in map, instead of a random one.
+            seed: seed of starts and noise of this episode and the following episodes; None to continue with the
+                previous seed.
+            options: ``start``, a pose x [m], y [m], theta [rad] in map; without it the start is random.
 
         Returns:
-            Observation and info: ``truth`` and ``feedback``, poses (3,) in map, and ``is_success``.
+            Observation and info. The info contains ``truth`` and ``feedback``, poses (3,) in map, and ``is_success``.
 
         Raises:
-            InvalidValueError: for a bad start, or if no pose comes at all.
+            InvalidValueError: for a start that is not a pose, or if no pose arrives within MAX_WAIT steps.
         """
         super().reset(seed=seed)
-        begin, noise = drawn_episode(self.np_random, self.start_range)
+        begin, noise = draw_episode(self.np_random, self.start_range)
         if options and "start" in options:
             begin = checked_start(options["start"])
         self.world = self.config._replace(start=begin, seed=noise)
-        self._body = start(self._recent, Pose(*begin))
+        self._state = start(self._buffers, Pose(*begin))
         self._sense()
-        while not self._body.feedback.known:
-            if self._body.state.step == MAX_WAIT:
+        while not self._state.feedback.known:
+            if self._state.plant.step == MAX_WAIT:
                 raise no_pose(self.feedback)
             self._advance(Twist(0.0, 0.0))
         return self._observation(), self._info(False)
 
     def step(self, action: Floats) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
-        """Drive for one sampling time; see the module.
+        """Move the robot for one sampling time. The action is clipped to the action space.
 
         Raises:
-            InvalidValueError: for an action that is not two finite numbers; others are clipped to the space.
+            InvalidValueError: for an action that is not two finite numbers.
         """
         v, omega = checked_actions(action, (2,)).tolist()
-        command = requested(v, omega, self.task.data_sheet)
-        before = self._body.state.pose
+        command = command_of(v, omega, self.task.data_sheet)
+        before = self._state.plant.pose
         self._advance(command)
-        reward, reached, left = score(before, self._body.state.pose, command, self.task)
+        reward, reached, left = score(before, self._state.plant.pose, command, self.task)
         return self._observation(), reward, reached or left, False, self._info(reached)
 
     def _sense(self) -> None:
-        sensors, slip_noise, state = self.robot.sensors, self.robot.plant.slip_noise, self._body.state
+        sensors, slip_noise, state = self.robot.sensors, self.robot.plant.slip_noise, self._state.plant
         purposes = purposes_of(sensors, len(self.robot.landmarks), slip_noise)
         self._source.rows(self.world.seed, self.world.run, state.step, self._noise, purposes)
         sense, sampling_time = SENSES[FEEDBACKS.index(self.feedback)], self.robot.plant.sampling_time
-        self._body = sense(self._body, self._recent, self._noise[:, 0], sensors, sampling_time)
+        self._state = sense(self._state, self._buffers, self._noise[:, 0], sensors, sampling_time)
 
     def _advance(self, command: Twist) -> None:
-        self._body = advance(self._body, self._recent.commands, command, self._noise[:, 0], self.robot.plant)
+        self._state = advance(self._state, self._buffers.commands, command, self._noise[:, 0], self.robot.plant)
         self._sense()
 
     def render(self) -> NDArray[np.uint8] | None:
         """Return a picture (400, 400, 3) of the goal, the true robot and the estimate; None without a render_mode."""
         if self.render_mode is None:
             return None
-        # Loads matplotlib.
+        # Matplotlib takes long to load.
         from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
         from matplotlib.figure import Figure  # noqa: PLC0415
 
         canvas, reach = FigureCanvasAgg(Figure(figsize=(4.0, 4.0), dpi=100)), 1.2 * self.start_range
         axes = canvas.figure.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
-        poses = Pose(0.0, 0.0, 0.0), self._body.feedback.pose, self._body.state.pose
+        poses = Pose(0.0, 0.0, 0.0), self._state.feedback.pose, self._state.plant.pose
         for pose, colour in zip(poses, ("green", "red", "blue"), strict=True):
             tip = 0.12 * reach * math.cos(pose.theta), 0.12 * reach * math.sin(pose.theta)
             axes.quiver(pose.x, pose.y, *tip, color=colour, angles="xy", scale_units="xy", scale=1.0)
@@ -226,23 +229,23 @@ class DiffbotGoalEnv(gymnasium.Env[Floats, Floats]):
         return np.array(canvas.buffer_rgba())[:, :, :3]  # type: ignore[no-untyped-call]
 
     def _observation(self) -> Floats:
-        twist = body_twist(self._body.state.encoder, self.robot.plant.wheels)
-        values = np.array(observed(self._body.feedback.pose, twist), dtype=np.float32)
+        twist = body_twist(self._state.plant.encoder, self.robot.plant.wheels)
+        values = np.array(observation_of(self._state.feedback.pose, twist), dtype=np.float32)
         space = self.observation_space
-        clipped: Floats = np.clip(values, space.low, space.high)  # type: ignore[attr-defined] # it is a Box
+        clipped: Floats = np.clip(values, space.low, space.high)  # type: ignore[attr-defined] # a Box has them
         return clipped
 
     def _info(self, reached: bool) -> dict[str, Any]:
-        truth, feedback = np.array(self._body.state.pose), np.array(self._body.feedback.pose)
+        truth, feedback = np.array(self._state.plant.pose), np.array(self._state.feedback.pose)
         return {"truth": truth, "feedback": feedback, "is_success": reached}
 
 
 def no_pose(feedback: str) -> InvalidValueError:
     """Return the error of a robot that never receives a pose."""
-    return InvalidValueError("feedback", feedback, f"one that brings a pose within {MAX_WAIT} steps")
+    return InvalidValueError("feedback", feedback, f"a feedback with a pose in the first {MAX_WAIT} steps")
 
 
-def drawn_episode(generator: np.random.Generator, start_range: float) -> tuple[StartPose, int]:
+def draw_episode(generator: np.random.Generator, start_range: float) -> tuple[StartPose, int]:
     """Draw the start of an episode, x and y within ``start_range`` [m], and the seed of its noise."""
     x, y, turn = generator.uniform(-1.0, 1.0, 3).tolist()
     start = StartPose(start_range * x, start_range * y, math.pi * turn)
@@ -250,10 +253,10 @@ def drawn_episode(generator: np.random.Generator, start_range: float) -> tuple[S
 
 
 def checked_actions(action: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Return an action, or one for each environment, clipped to the space.
+    """Return actions of a ``shape``, clipped to the action space.
 
     Raises:
-        InvalidValueError: for another shape, or a number that is not finite.
+        InvalidValueError: for another shape, or for numbers that are not finite.
     """
     shares = np.asarray(action, dtype=np.float64)
     if shares.shape != shape or not np.isfinite(shares).all():
@@ -262,7 +265,7 @@ def checked_actions(action: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
 
 
 def checked_start(start: Any) -> StartPose:
-    """Return x [m], y [m], theta [rad] as a start."""
+    """Return x [m], y [m], theta [rad] as a start pose."""
     values = np.asarray(start, dtype=np.float64)
     if values.shape != (3,) or not (np.abs(values) <= MAX_COORDINATE).all():
         raise InvalidValueError("start", start, f"x, y, theta, each within {MAX_COORDINATE:g}")

@@ -1,15 +1,15 @@
-"""``DiffbotGoal-v0`` many at a time, on the compiled loop (extra ``batch``), in one thread.
+"""Many environments ``DiffbotGoal-v0`` on the compiled loop, in one thread (extra ``batch``).
 
-As always with gymnasium::
+Use them as any vector environment::
 
     envs = gymnasium.make_vec("diffbot_lab.gym:DiffbotGoal-v0", num_envs=1024)
     observations, infos = envs.reset(seed=1)
     observations, rewards, terminations, truncations, infos = envs.step(envs.action_space.sample())
 
-Actions, observations, rewards, ends and random numbers are those of :mod:`environment` under gymnasium's SyncVectorEnv,
-to rounding. Environment i is seeded with ``seed + i``. The step after the end of an episode resets the environment and
-ignores its action (AutoresetMode.NEXT_STEP). The first use compiles, which takes a minute or two; later ones load the
-result.
+Up to rounding, the environments behave as those of :mod:`environment` in Gymnasium's SyncVectorEnv. Environment i has
+the seed ``seed + i``. The step after the end of an episode resets the environment and ignores the action
+(AutoresetMode.NEXT_STEP). The first use compiles the loop, which takes a minute or two. Later uses load it
+from a cache.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import body_twist
 from diffbot_lab.gym import MAX_STEPS, environment
-from diffbot_lab.gym.environment import DiffbotGoalEnv, Floats, Task, observed, requested, score
+from diffbot_lab.gym.environment import DiffbotGoalEnv, Floats, Task, command_of, observation_of, score
 from diffbot_sim.config import WorldConfig
-from diffbot_sim.fusion import Recent, Robot, borrowed, new_recent, referred
+from diffbot_sim.fusion import RunBuffers, SimulatedRobot, borrowed, new_buffers, reference_to
 from diffbot_sim.jit import compile_kernel, one_compiler, source_hash
 from diffbot_sim.noise import NoiseSource
 from diffbot_sim.robot_step import EKF, FEEDBACKS, SENSES, advance, start
@@ -41,104 +41,105 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 _BLOCK = 64
-"""Number of steps for which the noise of a robot is drawn at once. Seeding a generator takes longer than drawing."""
+"""Number of steps for which the noise of a robot is drawn at once. Seeding the generator takes longer than drawing."""
 
 
 class Fleet(NamedTuple):
-    """The robots of all environments, and what they have in common."""
+    """The robots of all environments."""
 
-    robot: Robot
+    robot: SimulatedRobot
+    """configuration of every robot"""
     task: Task
-    bodies: Any
-    """list of their bodies"""
-    recents: Any
-    """list of references to their :class:`Recent` arrays, which the caller keeps"""
+    states: Any
+    """list of the robots' :class:`RobotState`"""
+    all_buffers: Any
+    """list of references to the robots' :class:`RunBuffers`, which the caller keeps"""
 
 
 class Episodes(NamedTuple):
-    """Starts, noise and progress of the episodes."""
+    """Starts, noise and progress of all episodes."""
 
     starts: Any
     """(n, 3) x [m], y [m], theta [rad] in map"""
     noise: Any
-    """(n, purposes, _BLOCK + 1, 4) numbers in [0, 1); row 0 belongs to the newest step whose number _BLOCK divides"""
+    """(n, purposes, _BLOCK + 1, 4) numbers in [0, 1); row 0 belongs to the last step that is a multiple of _BLOCK"""
     steps: Any
     """(n,) number of each robot's present step"""
 
 
 class Results(NamedTuple):
-    """Arrays that :func:`_make_step` fills."""
+    """Arrays that a step fills."""
 
     observations: Any
     """(n, 7), not clipped"""
     scores: Any
-    """(n, 3) as :func:`environment.score`; not filled for an episode that begins"""
+    """(n, 3) results of :func:`environment.score`; not filled when an episode begins"""
     truth: Any
     """(n, 3) true pose in map"""
     feedback: Any
-    """(n, 3) pose in map that the controller gets"""
+    """(n, 3) pose in map that a controller would receive"""
     known: Any
-    """(n,) False until the first feedback"""
+    """(n,) False until the first pose arrives"""
 
 
-def _new_fleet(task: Task, recent: Recent) -> Any:
+def _new_fleet(task: Task, buffers: RunBuffers) -> Any:
     """Return a list whose only element is a fleet of one robot.
 
-    numba knows the type of a list. It would need a millisecond at each call to find the type of a fleet.
+    Numba finds the type of its own list quickly. Finding the type of a fleet would take a millisecond at each call.
     """
-    bodies, recents, kept = List(), List(), List()
-    reference = referred(recent)
-    bodies.append(start(reference, Pose(0.0, 0.0, 0.0)))
-    recents.append(reference)
-    kept.append(Fleet(reference.robot, task, bodies, recents))
-    return kept
+    states, all_buffers, fleets = List(), List(), List()
+    reference = reference_to(buffers)
+    states.append(start(reference, Pose(0.0, 0.0, 0.0)))
+    all_buffers.append(reference)
+    fleets.append(Fleet(reference.robot, task, states, all_buffers))
+    return fleets
 
 
-def _add_robot(kept: Any, recent: Recent) -> None:
-    """Add one more robot to the fleet."""
-    fleet, reference = kept[0], referred(recent)
-    fleet.bodies.append(start(reference, Pose(0.0, 0.0, 0.0)))
-    fleet.recents.append(reference)
+def _add_robot(fleets: Any, buffers: RunBuffers) -> None:
+    """Add a robot to the fleet."""
+    fleet, reference = fleets[0], reference_to(buffers)
+    fleet.states.append(start(reference, Pose(0.0, 0.0, 0.0)))
+    fleet.all_buffers.append(reference)
 
 
 def _make_step(feedback: int) -> Any:
-    """Return the function that steps robots with one of the codes of FEEDBACKS."""
+    """Return the function that steps robots; ``feedback`` is an index of FEEDBACKS."""
     sense = SENSES[feedback]
 
-    def step(kept: Any, chosen: Any, begin: bool, episodes: Episodes, actions: Any, results: Results) -> None:
-        """Drive the chosen robots for one sampling time, or put them at their starts. Then measure and filter.
+    def step(fleets: Any, chosen: Any, begin: bool, episodes: Episodes, actions: Any, results: Results) -> None:
+        """Move the chosen robots for one sampling time, or put them at their starts. Then measure and filter.
 
         Args:
-            kept: the fleet, see :func:`_new_fleet`.
+            fleets: list of one fleet, see :func:`_new_fleet`.
             chosen: (k,) indices of the robots.
             begin: True to put the robots at their starts.
-            episodes: of all robots. The noise of this step and of the next one must have been drawn.
+            episodes: of all robots, with the noise of this step and of the next step.
             actions: (n, 2) shares of v_max and omega_max, within -1 .. 1.
-            results: of all robots; only the rows of the chosen robots are filled.
+            results: of all robots. Only the rows of the chosen robots are filled.
         """
-        robot, task, bodies, recents = kept[0]
+        robot, task, states, all_buffers = fleets[0]
         plant, sensors, starts = robot.plant, robot.sensors, episodes.starts
         for index in chosen:
-            recent, noise, row = recents[index], borrowed(episodes.noise[index]), 0
+            buffers, noise, row = all_buffers[index], borrowed(episodes.noise[index]), 0
             if begin:
-                body = start(recent, Pose(starts[index, 0], starts[index, 1], starts[index, 2]))
+                state = start(buffers, Pose(starts[index, 0], starts[index, 1], starts[index, 2]))
             else:
-                body, scores = bodies[index], results.scores[index]
-                before, row = body.state.pose, body.state.step % _BLOCK
-                command = requested(actions[index, 0], actions[index, 1], task.data_sheet)
-                body = advance(body, recent.commands, command, noise[:, row], plant)
-                scores[0], scores[1], scores[2] = score(before, body.state.pose, command, task)
+                state, scores = states[index], results.scores[index]
+                before, row = state.plant.pose, state.plant.step % _BLOCK
+                command = command_of(actions[index, 0], actions[index, 1], task.data_sheet)
+                state = advance(state, buffers.commands, command, noise[:, row], plant)
+                scores[0], scores[1], scores[2] = score(before, state.plant.pose, command, task)
                 row += 1
-            body = sense(body, recent, noise[:, row], sensors, plant.sampling_time)
-            bodies[index], episodes.steps[index], results.known[index] = body, body.state.step, body.feedback.known
-            twist = body_twist(body.state.encoder, plant.wheels)
-            for column, value in enumerate(observed(body.feedback.pose, twist)):
+            state = sense(state, buffers, noise[:, row], sensors, plant.sampling_time)
+            states[index], episodes.steps[index], results.known[index] = state, state.plant.step, state.feedback.known
+            twist = body_twist(state.plant.encoder, plant.wheels)
+            for column, value in enumerate(observation_of(state.feedback.pose, twist)):
                 results.observations[index, column] = value
             truth, feedback = results.truth[index], results.feedback[index]
-            truth[0], truth[1], truth[2] = body.state.pose
-            feedback[0], feedback[1], feedback[2] = body.feedback.pose
+            truth[0], truth[1], truth[2] = state.plant.pose
+            feedback[0], feedback[1], feedback[2] = state.feedback.pose
 
-    # Compiled functions of the same name and types are taken for one another if they come from the cache.
+    # Numba cannot tell cached functions of the same name and types apart, so each needs its own name.
     step.__qualname__ = f"step_{FEEDBACKS[feedback]}"
     return step
 
@@ -151,7 +152,7 @@ _compiled_new_fleet, _compiled_add_robot, *_compiled_steps = (
 
 
 class DiffbotGoalVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
-    """The environments; the module describes them."""
+    """Many environments, see :mod:`vector`."""
 
     metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012 - as gymnasium has it
 
@@ -164,7 +165,7 @@ class DiffbotGoalVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         start_range: float = 5.0,
         max_episode_steps: int = MAX_STEPS,
     ) -> None:
-        """Describe the task as :class:`DiffbotGoalEnv` does, and compile.
+        """Create the environments and compile the loop. The arguments are explained at :class:`DiffbotGoalEnv`.
 
         Raises:
             InvalidValueError: as :class:`DiffbotGoalEnv`.
@@ -183,17 +184,17 @@ class DiffbotGoalVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         self._elapsed: NDArray[np.int64] = np.zeros(num_envs, dtype=np.int64)
         self._generators: list[np.random.Generator] = []
         with one_compiler(_VERSION):
-            self._recents = [new_recent(robot) for _ in range(num_envs)]
+            self._all_buffers = [new_buffers(robot) for _ in range(num_envs)]
             self._step, nothing = _compiled_steps[FEEDBACKS.index(feedback)], np.zeros((0, 2))
-            self._kept = _compiled_new_fleet(one.task, self._recents[0])
-            for recent in self._recents[1:]:
-                _compiled_add_robot(self._kept, recent)
-            self._step(self._kept, np.flatnonzero(nothing), False, self._episodes, nothing, self._new_results())
+            self._fleets = _compiled_new_fleet(one.task, self._all_buffers[0])
+            for buffers in self._all_buffers[1:]:
+                _compiled_add_robot(self._fleets, buffers)
+            self._step(self._fleets, np.flatnonzero(nothing), False, self._episodes, nothing, self._new_results())
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Floats, dict[str, Any]]:
-        """Begin an episode in each environment; the seed of environment i is ``seed + i`` or entry i of a list.
+        """Begin an episode in each environment. The seed of environment i is ``seed + i``, or element i of a list.
 
         Raises:
             InvalidValueError: as :meth:`DiffbotGoalEnv.reset`.
@@ -213,17 +214,16 @@ class DiffbotGoalVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         return self._observations(results), self._infos(results)
 
     def step(self, actions: Floats) -> tuple[Floats, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
-        """Drive each robot for one sampling time, or reset its environment if the episode has ended.
+        """Move each robot for one sampling time, or reset its environment if the episode has ended.
+
+        Actions are clipped to the action space.
 
         Raises:
-            InvalidValueError: for actions that are not (num_envs, 2) finite numbers; others are clipped to the space.
+            InvalidValueError: for actions that are not (num_envs, 2) finite numbers.
             ResetNeeded: before the first :meth:`reset`.
         """
-        shares, results, fresh = (
-            environment.checked_actions(actions, (self.num_envs, 2)),
-            self._new_results(),
-            self._fresh,
-        )
+        shares = environment.checked_actions(actions, (self.num_envs, 2))
+        results, fresh = self._new_results(), self._fresh
         if not self._generators:
             raise ResetNeeded("call reset before the first step")
         self._run(np.flatnonzero(~fresh), shares, results)
@@ -239,17 +239,15 @@ class DiffbotGoalVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
     def _draw(self, chosen: Indices) -> None:
         """Draw starts and seeds of episodes."""
         for index in chosen:
-            start_range = self._one.start_range
-            self._episodes.starts[index], self._seeds[index] = environment.drawn_episode(
-                self._generators[index], start_range
-            )
+            drawn = environment.draw_episode(self._generators[index], self._one.start_range)
+            self._episodes.starts[index], self._seeds[index] = drawn
 
     def _begin(self, chosen: Indices, results: Results) -> None:
-        """Put robots at their starts. They stand still until the first pose."""
+        """Put robots at their starts. They stand still until their first pose arrives."""
         self._episodes.steps[chosen], self._elapsed[chosen] = 0, 0
         self._draw_noise(chosen)
         still = np.zeros((self.num_envs, 2))
-        self._step(self._kept, chosen, True, self._episodes, still, results)
+        self._step(self._fleets, chosen, True, self._episodes, still, results)
         waiting = chosen[~results.known[chosen]]
         for _ in range(environment.MAX_WAIT):
             if len(waiting) == 0:
@@ -261,8 +259,8 @@ class DiffbotGoalVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         results.scores[chosen] = 0.0
 
     def _run(self, chosen: Indices, actions: Array, results: Results) -> None:
-        """Drive robots for one sampling time. Draw the next block of noise for those that have used up theirs."""
-        self._step(self._kept, chosen, False, self._episodes, actions, results)
+        """Move robots for one sampling time. Draw the next block of noise when a robot has used its block."""
+        self._step(self._fleets, chosen, False, self._episodes, actions, results)
         self._draw_noise(chosen[self._episodes.steps[chosen] % _BLOCK == 0])
 
     def _draw_noise(self, chosen: Indices) -> None:

@@ -1,7 +1,4 @@
-"""The paper's simulations A and B (section 4.2): starts, laws and noise, runs, results and table.
-
-``diffbot experiment a b`` runs them.
-"""
+"""Reproduce the paper's simulations A and B (section 4.2): ``diffbot experiment a b``."""
 
 from __future__ import annotations
 
@@ -26,26 +23,27 @@ from diffbot_tools.figures import quantiles
 Array = NDArray[np.float64]
 
 DURATION = 30.0
-"""[s] of a run; the paper does not state it"""
+"""[s] length of a run; the paper does not state it"""
 EPS_P = 0.5
-"""[m] the paper states a condition, which holds above 0.474 m, but no value"""
+"""[m] radius of Omega_L; the paper states no value, but a condition that holds above 0.474 m"""
 VANISHING_EPS_P = 0.25
-"""[m] if the position noise vanishes at the goal: docs/results/reproduction.md"""
+"""[m] radius of Omega_L if the position noise vanishes at the goal, see docs/results/reproduction.md"""
 NEAR_GOAL = 1.0
-"""[m] from the goal, within which a vanishing position noise shrinks"""
+"""[m] distance from the goal within which a vanishing position noise decreases"""
 START_A = (-2.0, -5.5, math.radians(30.0))
+"""[m, m, rad] start of simulation A"""
 RADIUS_B = 12.0
-"""[m]"""
+"""[m] radius of the circle of starts of simulation B"""
 HEADINGS_B = (0.0, 220.0)
-"""[deg]"""
+"""[deg] start headings of simulation B"""
 XY_TOLERANCE, YAW_TOLERANCE = 0.4, 0.1
-"""[m], [rad]"""
+"""[m], [rad] tolerances for the settling time"""
 TEXTBOOK_FILTER = FilterConfig(filter=EKF, gate_probability=1.0, detect_correlation=False)
-"""No gate, no calibration: the runs have no faults."""
+"""Filter without gate and calibration, since the runs have no faults."""
 LAWS = ("law 13", "law 17")
 
 PAPER_END_STATES = {"law 13": (0.0071, -0.0097, 0.7519), "law 17": (0.0028, 0.1049, 0.0066)}
-"""x [m], y [m], theta [rad] at the end of the single runs of A that the paper reports"""
+"""x [m], y [m], theta [rad] at the end of the paper's single runs of simulation A"""
 
 
 class Setting(NamedTuple):
@@ -63,27 +61,27 @@ _INPUT_NOISE = PlantConfig(exact_arc=False, drive_noise=0.0, encoder_noise=0.0, 
 _NO_NOISE = PlantConfig(exact_arc=False, drive_noise=0.0, encoder_noise=0.0)
 _EXACT = SensorConfig(eps_xy_max=0.0, eps_theta_max=0.0)
 SETTINGS = (
-    # The paper's noise: uniform +-0.3 m, +-0.3 m, +-0.17 rad, fed to the law without a filter; input noise added.
+    # The paper's noise: the law receives fixes with uniform errors of +-0.3 m, +-0.3 m and +-0.17 rad.
     Setting("raw", _INPUT_NOISE, SensorConfig(), "raw"),
-    # The same fixes through the EKF; +-5 % per wheel in drive and encoder.
+    # The same fixes filtered by the EKF. Drives and encoders have errors of +-5 %.
     Setting("ekf", PlantConfig(), SensorConfig(), "ekf"),
     Setting("quiet", _NO_NOISE, _EXACT, "truth"),
-    # As raw, but within NEAR_GOAL the position noise is proportional to the distance from the goal.
+    # As "raw", but within NEAR_GOAL the position noise is proportional to the distance from the goal.
     Setting("vanishing", _INPUT_NOISE, SensorConfig(eps_xy_distance=NEAR_GOAL), "raw", VANISHING_EPS_P),
 )
 
 
 class Group(NamedTuple):
-    """A set of runs that differ only in start and noise."""
+    """Runs that differ only in start and noise."""
 
     label: str
     law: str
     setting: Setting
     starts: Starts
     outcomes: Array
-    """(runs, 12) see batch.COLUMNS"""
+    """(runs, 12), columns as batch.COLUMNS"""
     histories: Array
-    """(runs, steps + 1, 12) see robot_step.HISTORY_COLUMNS"""
+    """(runs, steps + 1, 12), columns as robot_step.HISTORY_COLUMNS"""
 
 
 def controller_of(law: str, eps_P: float) -> PaperConfig:
@@ -93,7 +91,7 @@ def controller_of(law: str, eps_P: float) -> PaperConfig:
 
 
 def case_of(law: str, setting: Setting, literal_rear: bool = False) -> Case:
-    """Return the case of a law under a setting; ``literal_rear`` uses the printed sign of v in the rear sector."""
+    """Return the case of a law and a setting; ``literal_rear`` uses the printed sign of v in the rear sector."""
     return make_case(
         Configuration(setting.plant, setting.sensors, controller_of(law, setting.eps_P), TEXTBOOK_FILTER),
         DURATION,
@@ -105,7 +103,7 @@ def case_of(law: str, setting: Setting, literal_rear: bool = False) -> Case:
 
 
 def starts_of(name: str, heading: float = 0.0) -> Starts:
-    """Return the start of A, or the 8 starts of B on the circle with one heading [deg]."""
+    """Return the start of simulation A, or the 8 starts of simulation B with a heading [deg]."""
     if name == "a":
         return Starts(np.array([START_A]))
     angles = np.arange(8) * math.pi / 4.0
@@ -114,21 +112,21 @@ def starts_of(name: str, heading: float = 0.0) -> Starts:
 
 
 QUANTILES = {f"{q:g}": q for q in (0.01, 0.05, 0.5, 0.95, 0.99)}
-"""Names in results.json and levels."""
+"""Quantiles by their names in results.json."""
 _TEN_SECONDS = 100
-"""[steps] at the sampling time of all settings"""
+"""[steps] number of steps in 10 s, for the sampling time of all settings"""
 
 
 def run_experiment(name: str, runs: int, seed: int) -> list[Group]:
-    """Execute all runs of experiment ``a`` or ``b``.
+    """Simulate all runs of experiment ``a`` or ``b``.
 
     Args:
         name: "a" or "b".
-        runs: of each start, law and setting.
-        seed: of all noise.
+        runs: number of runs of each start, law and setting.
+        seed: seed of all noise.
 
     Raises:
-        InvalidValueError: for another name or fewer than one run.
+        InvalidValueError: for another name, or for less than one run.
     """
     if name not in ("a", "b"):
         raise InvalidValueError("experiment", name, "a or b")
@@ -177,19 +175,15 @@ def _summary(group: Group) -> dict[str, Any]:
         "position": quantiles(position, QUANTILES),
         "abs_theta": quantiles(np.abs(column["theta"]), QUANTILES),
         **{name: quantiles(column[name], QUANTILES) for name in ("x", "y", "theta", "path_length")},
-        "distance_at_10_s": quantiles(_distance_at(group, _TEN_SECONDS), QUANTILES),
+        "distance_at_10_s": quantiles(np.hypot(*group.histories[:, _TEN_SECONDS, :2].T), QUANTILES),
     }
     if len(group.starts.poses) == 1 and group.setting.name != "quiet":
-        summary["paper"] = _rank_of_the_papers_run(group.law, column)
+        summary["paper"] = _rank_of_paper_run(group.law, column)
     return summary
 
 
-def _distance_at(group: Group, index: int) -> Array:
-    return np.asarray(np.hypot(group.histories[:, index, 0], group.histories[:, index, 1]))
-
-
-def _rank_of_the_papers_run(law: str, column: dict[str, Array]) -> dict[str, dict[str, Any]]:
-    """Rank the end state of the paper's single run among ours."""
+def _rank_of_paper_run(law: str, column: dict[str, Array]) -> dict[str, dict[str, Any]]:
+    """Return the ranks of the paper's end state among the end states of our runs."""
     found = {}
     for name, value in zip(("x", "y", "theta"), PAPER_END_STATES[law], strict=True):
         low, high = np.quantile(column[name], (0.01, 0.99))
@@ -203,7 +197,7 @@ def _rank_of_the_papers_run(law: str, column: dict[str, Array]) -> dict[str, dic
 
 
 def _literal_rear_sector(runs: int, seed: int) -> dict[str, dict[str, Any]]:
-    """Final errors of B under law (17), with the rear sector as implemented here and with the printed sign."""
+    """Return final errors of simulation B under law (17) with our sign and the printed sign in the rear sector."""
     results = {}
     for setting in SETTINGS:
         for literal in (False, True):
@@ -218,12 +212,12 @@ def _literal_rear_sector(runs: int, seed: int) -> dict[str, dict[str, Any]]:
 
 
 def run_and_report(names: tuple[str, ...], runs: int, seed: int, folder: Path) -> int:
-    """Run experiments ``a`` and ``b``, write results.json and figures below ``folder``, and print a table.
+    """Run experiments ``a`` and ``b``, write results.json and figures to ``folder``, and print tables.
 
     Raises:
         DiffbotError: if the folder cannot be written or a value is not allowed.
     """
-    # Loads matplotlib.
+    # Matplotlib takes long to load.
     from diffbot_lab.paper.figures import draw_figures  # noqa: PLC0415
 
     with output_folder(folder):
@@ -240,15 +234,15 @@ def run_and_report(names: tuple[str, ...], runs: int, seed: int, folder: Path) -
 
 
 def heading() -> str:
-    """Return the laws, the settings, and all their values that are not the defaults of the nodes."""
-    lines = [f"{law}: preset paper; beside it, {changes(controller_of(law, EPS_P))}" for law in LAWS]
+    """Return lines with the laws and settings, and their values that are not the defaults of the nodes."""
+    lines = [f"{law}: preset paper; {changes(controller_of(law, EPS_P))}" for law in LAWS]
     for one in SETTINGS:
         lines.append(described(f"{one.name}: feedback {one.feedback}", plant=one.plant, sensors=one.sensors))
-    return "\n".join([*lines, f"filter of ekf: {changes(TEXTBOOK_FILTER)}"])
+    return "\n".join([*lines, f"filter of the setting ekf: {changes(TEXTBOOK_FILTER)}"])
 
 
 def table(results: dict[str, Any]) -> str:
-    """Lay out the end states of an experiment for a terminal."""
+    """Return a table of the end states of an experiment for a terminal."""
     head = f"{'experiment ' + results['experiment']:<18}{'setting':<10}{'runs':>6}{'Omega_L':>9}"
     head += f"{'|pos| median':>14}{'p95 [m]':>9}{'|theta| median':>16}{'p95 [rad]':>11}{'max |v|':>9}"
     rows = [head, "-" * len(head)]

@@ -1,4 +1,7 @@
-"""Figures 4 to 15 of the paper from our runs: all runs faint, one highlighted, the 5 to 95 % band shaded."""
+"""Draw figures 4 to 15 of the paper from our runs.
+
+Each figure shows all runs faintly, one run highlighted, and the range from 5 to 95 % shaded.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,7 @@ Array = NDArray[np.float64]
 
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#999933")
 FIRST_FIGURE = {"law 13": 4, "law 17": 7, "heading 0 deg": 10, "heading 220 deg": 13}
-"""The paper's number of each group's path figure; pose and command have the next two."""
+"""The paper's number of the path figure of each group. The figures of pose and command have the next two numbers."""
 
 
 class Sheet(NamedTuple):
@@ -30,11 +33,11 @@ class Sheet(NamedTuple):
     histories: Array
     """(runs, steps + 1, 12)"""
     starts: int
-    """number of starts; run i begins at start i modulo this"""
+    """number of starts; run i has the start i modulo this number"""
 
 
 def draw_figures(groups: list[Group], folder: Path) -> None:
-    """Draw the three figures of each group into one folder per setting, with a progress bar on a terminal.
+    """Draw the three figures of each group to a folder of its setting. On a terminal, show a progress bar.
 
     Raises:
         OSError: if a file cannot be written.
@@ -76,7 +79,7 @@ def _draw_pose(sheet: Sheet) -> Any:
 
 
 def _draw_command(sheet: Sheet) -> Any:
-    # The last row is a pose without a command.
+    # The last row is the end pose, without a command.
     cut = Sheet(sheet.title, sheet.time[:-1], sheet.histories[:, :-1], sheet.starts)
     columns = [cut.histories[:, :, 6], cut.histories[:, :, 7]]
     return _draw_series(cut, columns, ("v [m/s]", "omega [rad/s]"), f"Command: {sheet.title}")

@@ -18,7 +18,7 @@ from diffbot_control.filter.state_file import load_state
 from diffbot_core.errors import DiffbotError
 from diffbot_core.yaml_files import MAX_BYTES
 from diffbot_lab.campaign import spec
-from diffbot_lab.campaign.journal import JOURNAL, Journal, parsed
+from diffbot_lab.campaign.journal import JOURNAL, Journal, decode_line
 from diffbot_lab.campaign.runner import run_campaign
 from diffbot_lab.campaign.spec import make_campaign
 
@@ -153,7 +153,7 @@ def test_a_flipped_bit_changes_no_result_of_a_campaign(tmp_path, trials, seeded,
 
     def entries():
         """Return what the journal counts, without the order of its lines."""
-        found = map(parsed, path.read_bytes().splitlines(keepends=True))
+        found = map(decode_line, path.read_bytes().splitlines(keepends=True))
         return sorted(str(entry) for entry in found if entry is not None)
 
     def finish():

@@ -1,4 +1,4 @@
-"""The benchmark of the filter: its drives, its figures and its command."""
+"""The benchmark of the filter: drives, figures and command."""
 
 import json
 import math
@@ -18,8 +18,8 @@ from diffbot_lab.filter_benchmark import (
     COLUMNS,
     SCENARIOS,
     Tracking,
-    begin_of,
-    drive_of,
+    case_of,
+    draw_drive,
     figures_of,
     run_benchmark,
     run_drives,
@@ -43,8 +43,8 @@ def benchmarked():
 
 
 def driven(one, rates, filter_name, seed, run):
-    """The same drive with the world and the filter of the nodes: rows of error, P, and NIS and outcome of each fix."""
-    theta, command = begin_of(NoiseSource(), seed, run)
+    """Drive with the filter of the nodes; return errors, P, and step, NIS and outcome of each fix."""
+    theta, command = draw_drive(NoiseSource(), seed, run)
     plant = one.plant._replace(sampling_time=1.0 / rates[0])
     sensors = one.sensors._replace(fix_rate=float(rates[1]))
     world = World(WorldConfig(plant, sensors, StartPose(0.0, 0.0, theta), seed, run, one.landmarks))
@@ -61,7 +61,7 @@ def driven(one, rates, filter_name, seed, run):
         errors.append([error[0], error[1], math.remainder(error[2], math.tau)])
         covariances.append(estimate.P)
         outcomes = list((localization.outcomes[FIXES] - before).elements())
-        assert len(outcomes) == (len(arrivals.fixes) if step else 0)  # the first fix is where it starts
+        assert len(outcomes) == (len(arrivals.fixes) if step else 0)  # the filter starts with the first fix
         fixes += [(step, localization.filter.last[0, state.NIS], outcome) for outcome in outcomes]
         world.advance(command)
     return np.array(errors), np.array(covariances), fixes
@@ -71,7 +71,7 @@ def driven(one, rates, filter_name, seed, run):
     ("name", "rates", "filter_name"),
     [("all", (50, 10), CALIBRATING), ("landmarks", (10, 1), EKF), ("r_10", (10, 1), FNN_CALIBRATING)],
 )
-def test_the_drive_is_that_of_the_nodes_filter(name, rates, filter_name):
+def test_a_drive_is_the_same_as_with_the_filter_of_the_nodes(name, rates, filter_name):
     seed, run, skipped = 3, 7, 10 * rates[0]
     errors, covariances, fixes = driven(scenario(name), rates, filter_name, seed, run)
     counted = errors[skipped + 1 :]
@@ -97,7 +97,7 @@ def test_the_drive_is_that_of_the_nodes_filter(name, rates, filter_name):
         assert expected.rejected > 5
         assert expected.relocated > 0
         assert 0.0 < back < 20.0
-    case = drive_of(scenario(name), *rates, filter_name)
+    case = case_of(scenario(name), *rates, filter_name)
     np.testing.assert_allclose(run_drives(case, seed, run + 1)[run], expected, rtol=1e-9, atol=1e-9)
     history = run_histories(case, seed, range(run, run + 1))[0]
     deviations = [uncertainty_of(P) for P in covariances]
@@ -106,18 +106,18 @@ def test_the_drive_is_that_of_the_nodes_filter(name, rates, filter_name):
     np.testing.assert_allclose(history[:, 2:4], deviations, rtol=1e-9, atol=1e-9)
 
 
-def test_results_are_those_of_the_drives(benchmarked):
+def test_results_contain_all_cases_and_are_the_figures_of_the_drives(benchmarked):
     results = benchmarked
     assert json.loads(json.dumps(results, allow_nan=False)) == results
     expected = ["_".join(map(str, (one.name, *rates))) for one in SCENARIOS for rates in one.rates]
     assert [one["name"] for one in results["cases"]] == expected
     case = next(one for one in results["cases"] if one["name"] == "outliers_50_10")
-    drives = run_drives(drive_of(scenario("outliers"), 50, 10, CALIBRATING), 1, RUNS)
+    drives = run_drives(case_of(scenario("outliers"), 50, 10, CALIBRATING), 1, RUNS)
     assert case["filters"][CALIBRATING] == figures_of(drives)
 
 
-def test_any_number_of_threads_gives_the_same():
-    case = drive_of(scenario("all"), 10, 5, FNN)
+def test_runs_do_not_depend_on_threads_and_differ_from_each_other():
+    case = case_of(scenario("all"), 10, 5, FNN)
     alone = run_drives(case, 2, 20, threads=1)
     np.testing.assert_array_equal(run_drives(case, 2, 20, threads=3), alone)
     np.testing.assert_array_equal(run_drives(case, 2, 7), alone[:7])
@@ -125,9 +125,7 @@ def test_any_number_of_threads_gives_the_same():
     assert not np.isin(run_drives(case, 3, 20)[:, 0], alone[:, 0]).any()
 
 
-def test_the_command_passes_its_flags_on_and_writes_results_and_figure(
-    tmp_path, monkeypatch, benchmarked, capsys, kept_signal_handlers
-):
+def test_the_command_writes_results_and_figure(tmp_path, monkeypatch, benchmarked, capsys, kept_signal_handlers):
     asked = []
     monkeypatch.setattr(filter_benchmark, "run_benchmark", lambda *given: asked.append(given) or benchmarked)
     out = tmp_path / "deep" / "folder"
@@ -150,7 +148,7 @@ def rows(**columns):
     return trackings
 
 
-def test_figures_by_hand():
+def test_figures_equal_a_calculation_by_hand():
     found = figures_of(
         rows(
             position=(0.3, 0.4, 0.0, 0.0),
@@ -168,7 +166,7 @@ def test_figures_by_hand():
     expected = {
         "runs": 4,
         "largest": 4.0,
-        "lost": 2,  # one has no error at all
+        "lost": 2,  # one error is nan
         "back_median": 2.4,
         "back_max": 9.0,
         "nis": (300 + 300 + 100 + 600) / 400,
@@ -184,9 +182,5 @@ def test_figures_by_hand():
     assert found["position"] == pytest.approx({"rmse": 0.25, "median": 0.15, "p95": 0.385})
     assert found["heading"]["rmse"] == pytest.approx(0.01 * math.sqrt(7.5))
     assert figures_of(rows(back=(28 * 0.1,)))["back_max"] == 2.8  # not 2.8000000000000003
-
-
-def test_without_a_kidnapping_there_is_no_time_until_the_filter_is_back():
-    found = figures_of(rows(position=(0.1, 0.1)))
-    assert {key for key, value in found.items() if value is None} == {"back_median", "back_max"}
-    json.dumps(found, allow_nan=False)
+    without_kidnapping = figures_of(rows(position=(0.1, 0.1)))
+    assert {key for key, value in without_kidnapping.items() if value is None} == {"back_median", "back_max"}

@@ -1,4 +1,4 @@
-"""The Gymnasium environment: gymnasium's own checker, the closed loop of the simulation, and the reward by hand."""
+"""The Gymnasium environment against gymnasium's checker, the closed loop, and rewards calculated by hand."""
 
 import math
 
@@ -25,30 +25,29 @@ STILL = np.zeros(2, np.float32)
 
 
 def drive(preset, steps, feedback, sheet):
-    """Let a law drive by what the environment tells it; return it, true poses, feedback and the last answer."""
+    """Drive by a law through the environment; return environment, true poses, feedback and last result of step."""
     env = DiffbotGoalEnv(feedback=feedback, data_sheet=sheet)
     _, info = env.reset(seed=3)
     law, config = PRESETS[preset]
-    memory, dt, told, answer = law.new_memory(config), 0.0, [info], None
+    memory, dt, infos, answer = law.new_memory(config), 0.0, [info], None
     for _ in range(steps):
-        observation = seen(Pose(*told[-1]["feedback"].tolist()), dt=dt)
+        observation = seen(Pose(*infos[-1]["feedback"].tolist()), dt=dt)
         memory, command, _ = law.step(memory, observation, GOAL, config)
         answer = env.step(np.array([command.v / sheet.v_max, command.omega / sheet.omega_max]))
-        told.append(answer[-1])
+        infos.append(answer[-1])
         dt = 0.1
         if answer[2]:
             break
-    return env, np.array([one["truth"] for one in told]), np.array([one["feedback"] for one in told]), answer
+    return env, np.array([one["truth"] for one in infos]), np.array([one["feedback"] for one in infos]), answer
 
 
-def test_gymnasium_finds_no_fault():
-    """A warning of the checker is an error, too."""
+def test_gymnasiums_checker_accepts_the_environment():
     check_env(gymnasium.make(NAME).unwrapped)
 
 
 @pytest.mark.parametrize("feedback", ["ekf", "raw", "truth"])
-def test_a_law_drives_as_in_the_closed_loop(feedback):
-    # The paper bounds neither the turn rate nor the wheels.
+def test_a_law_drives_as_in_the_simulation(feedback):
+    # The paper does not limit turn rate and wheel speeds.
     env, truth, poses, _ = drive("paper", 40, feedback, DataSheet(omega_max=100.0, wheel_max=math.inf))
     assert len(truth) == 41
     world, (law, config) = env.world, PRESETS["paper"]
@@ -58,7 +57,7 @@ def test_a_law_drives_as_in_the_closed_loop(feedback):
     np.testing.assert_allclose(poses, recorded[:, 3:6], rtol=0.0, atol=1e-9)
 
 
-def test_at_the_goal_an_episode_is_terminated():
+def test_an_episode_terminates_at_the_goal():
     _, truth, _, answer = drive("tuned", 300, "truth", DataSheet())
     _, reward, terminated, truncated, info = answer
     assert (terminated, truncated, info["is_success"]) == (True, False, True)
@@ -67,16 +66,16 @@ def test_at_the_goal_an_episode_is_terminated():
     assert reward > 9.0
 
 
-def test_observation_is_the_goal_seen_from_the_robot():
+def test_an_observation_contains_the_goal_in_the_robots_frame_and_the_speeds():
     env = DiffbotGoalEnv(world=QUIET, feedback="truth")
     observation, _ = env.reset(seed=1, options={"start": (0.0, -2.0, math.pi)})
-    # The goal is 2 m away, to the robot's right; in the goal's frame it lies in the direction of y.
+    # The goal is 2 m away to the right of the robot, and in the direction of y in the goal's frame.
     assert observation == pytest.approx([2.0, 0.0, -1.0, 0.0, 1.0, 0.0, 0.0], abs=1e-6)
     observation, *_ = env.step(np.array([0.5, -0.25], np.float32))
     assert observation[5:] == pytest.approx([0.65, -0.65], abs=1e-6)
 
 
-def test_rewards_are_the_way_to_the_goal_less_the_time_and_a_loss_for_leaving_the_arena():
+def test_rewards_are_progress_minus_time_and_a_penalty_for_leaving_the_arena():
     env = DiffbotGoalEnv(world=QUIET, feedback="truth", start_range=1.0)
     env.reset(seed=1, options={"start": (-1.0, 0.0, 0.0)})
     rewards = [env.step(np.array(action, np.float32))[1] for action in ((1.0, 0.0), (0.0, 0.0), (0.0, 1.0))]
@@ -87,7 +86,7 @@ def test_rewards_are_the_way_to_the_goal_less_the_time_and_a_loss_for_leaving_th
     assert reward == pytest.approx(-0.13 - 0.01 - 10.0)
 
 
-def test_bad_values_are_refused():
+def test_wrong_values_are_refused():
     for given, text in (
         ({"feedback": "gps"}, "feedback = 'gps': must be one of"),
         ({"data_sheet": DataSheet(v_max=math.inf)}, "v_max = inf: must be"),
@@ -114,15 +113,15 @@ def test_bad_values_are_refused():
             env.step(action)
 
 
-def test_a_picture_shows_the_robot_where_it_is():
-    env = gymnasium.make("diffbot_lab.gym:DiffbotGoal-v0", render_mode="rgb_array", feedback="truth", start_range=4.0)
+def test_a_picture_shows_the_robot_at_its_pose():
+    env = gymnasium.make(NAME, render_mode="rgb_array", feedback="truth", start_range=4.0)
     for start in ((-3.0, 2.0, 0.0), (3.0, -2.0, 0.0)):
         env.reset(seed=1, options={"start": start})
         picture = env.render().astype(int)
         assert picture.shape == (400, 400, 3)
         blue = np.argwhere((picture[:, :, 2] > 200) & (picture[:, :, :2].max(axis=2) < 60))
         row, column = blue.mean(axis=0)
-        # 9.6 m wide, y upwards; the arrow is half a metre long and points along x.
+        # The picture is 9.6 m wide. The arrow is half a metre long and points along x.
         assert column == pytest.approx(200 + (start[0] + 0.3) / 9.6 * 400, abs=8)
         assert row == pytest.approx(200 - start[1] / 9.6 * 400, abs=5)
 
@@ -134,7 +133,7 @@ BUSY = WorldConfig(
 
 
 def drive_both(steps, **given):
-    """Compare the vector environment with single ones; return how many episodes were terminated and truncated."""
+    """Compare the vector environment with single ones; return the numbers of terminated and truncated episodes."""
     envs = gymnasium.make_vec(NAME, 3, **given), gymnasium.make_vec(NAME, 3, vectorization_mode="sync", **given)
     assert envs[0].observation_space == envs[1].observation_space
     ours, theirs = (one.reset(seed=5) for one in envs)
@@ -152,13 +151,13 @@ def drive_both(steps, **given):
 
 @pytest.mark.parametrize("world", [WorldConfig(), BUSY])
 @pytest.mark.parametrize("feedback", ["ekf", "raw", "truth"])
-def test_many_at_a_time_are_single_ones_with_the_same_noise_and_resets(feedback, world):
-    # The arena is small, so that some leave it, and an episode short, so that others are truncated.
+def test_the_vector_environment_equals_single_environments(feedback, world):
+    # In a small arena and short episodes, some robots leave the arena and other episodes are truncated.
     given = {"feedback": feedback, "world": world, "start_range": 0.3, "max_episode_steps": 15}
     assert (drive_both(60, **given) > 0).all()
 
 
-def test_long_episodes_have_the_noise_of_single_ones_to_their_end():
-    # Noise is drawn for many steps at once, and the robots wait for their first pose for different numbers of steps.
+def test_long_episodes_of_the_vector_environment_have_the_same_noise():
+    # Noise is drawn in blocks of steps, and the robots wait for their first pose for different times.
     world = BUSY._replace(sensors=BUSY.sensors._replace(fix_dropout=0.8))
     assert (drive_both(200, feedback="raw", world=world, start_range=20.0) == 0).all()

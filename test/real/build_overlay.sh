@@ -1,6 +1,6 @@
 #!/bin/sh
 # build_overlay.sh CLONES WORK [PACKAGE ...]
-# Builds an overlay of ROS 2 Jazzy, WORK/install, on the wheels: docs/how-to/real-ros.md says what it needs.
+# Builds an overlay of ROS 2 Jazzy, WORK/install, on the wheels: docs/how-to/install-on-ros.md says what it needs.
 # CLONES has a git clone of each repository below, in a folder of its name. With names of packages only those are built.
 # PYTHON chooses the interpreter, JOBS (2) how many packages are built at once, FLAGS (-O2) how the compiler optimizes.
 set -eu

@@ -1,4 +1,4 @@
-"""Actuators against closed forms: dead time, ramps, lag, dead band, slip and the distance of the wheels."""
+"""Actuators against closed forms: dead time, ramps, lag, dead band, slip and wheel separation."""
 
 import math
 
@@ -20,7 +20,7 @@ R, L, T_S = 0.05, 0.6, 0.1
 
 
 def driven(commands, **actuators):
-    """States after each of the commands, from rest, without noise."""
+    """Return the states after each command, from rest and without noise."""
     config = QUIET._replace(**actuators)
     state, found = new_plant(ORIGIN), []
     for command in commands:
@@ -30,7 +30,7 @@ def driven(commands, **actuators):
 
 
 @pytest.mark.parametrize("delay", [0.02, 0.16, 0.999])
-def test_dead_time_is_the_mean_of_the_shifted_staircase_over_each_step(delay):
+def test_the_delayed_command_is_the_mean_of_the_shifted_commands_over_each_step(delay):
     commands = [Twist(1.0 + step, 0.5 - step) for step in range(30)]
     record = np.zeros((command_rows(delay, T_S), 2))
 
@@ -47,7 +47,7 @@ def test_dead_time_is_the_mean_of_the_shifted_staircase_over_each_step(delay):
             assert found.omega == pytest.approx(1.5 - found.v, abs=1e-12)
 
 
-def test_the_body_accelerates_along_a_ramp_on_each_axis_by_itself():
+def test_each_axis_accelerates_along_its_own_ramp():
     commands = [Twist(0.7, 2.0)] * 25 + [Twist(-0.2, 2.0)] * 25
     found = driven(commands, acceleration_max=0.5, angular_acceleration_max=1.5)
     up = np.minimum(0.05 * np.arange(1, 26), 0.7)
@@ -69,7 +69,7 @@ def test_the_lag_is_the_step_response_of_a_first_order_system(tau):
     assert found[-1].pose.x == pytest.approx(0.6 * (2.0 + tau * math.expm1(-2.0 / tau)), abs=1e-9)
 
 
-def test_a_wheel_stands_within_the_dead_band():
+def test_a_wheel_stands_still_within_the_dead_band():
     # Up from 0 to 2 rad/s in steps of 0.1, and down again to -2 rad/s.
     speeds = np.concatenate([np.arange(0, 21), np.arange(20, -21, -1)]) / 10.0 + 0.01
     found = driven([Twist(R * speed, 0.0) for speed in speeds], dead_band=0.6)
@@ -81,8 +81,8 @@ def test_a_wheel_stands_within_the_dead_band():
     assert turning[-1] == pytest.approx(-1.99)
 
 
-def test_the_stages_follow_each_other():
-    # Limited to 0.05 m/s = 1 rad/s in the first step, then half of the way to it by the lag, then the dead band.
+def test_a_command_passes_the_stages_in_order():
+    # The acceleration limit allows 0.05 m/s = 1 rad/s in the first step. The lag reaches half of it.
     tau = 0.1 / math.log(2.0)
     mean = 1.0 - tau * 0.5 / 0.1
     for dead_band, expected in ((mean - 1e-6, mean), (mean + 1e-6, 0.0)):
@@ -91,7 +91,7 @@ def test_the_stages_follow_each_other():
         assert state.drives.turning.left == pytest.approx(expected)
 
 
-def test_a_wrong_distance_of_the_wheels_changes_the_radius_of_the_turn():
+def test_an_error_of_the_wheel_separation_changes_the_radius_of_a_turn():
     error = -0.1
     config = QUIET._replace(separation_error=error)
     state, far = new_plant(ORIGIN), 0.0
@@ -102,11 +102,11 @@ def test_a_wrong_distance_of_the_wheels_changes_the_radius_of_the_turn():
         far = max(far, math.hypot(state.pose.x, state.pose.y))
     assert far == pytest.approx(0.8 * (1.0 + error), rel=1e-12)
     assert math.hypot(state.pose.x, state.pose.y) == pytest.approx(0.0, abs=1e-12)
-    # The encoders' odometry turns further than the robot does.
+    # The odometry turns by a different angle than the robot.
     assert state.odometry.theta == pytest.approx(math.remainder(turn, 2.0 * math.pi), abs=1e-9)
 
 
-def test_slip_is_half_normal_independent_and_takes_the_motion_but_not_the_encoders_turns():
+def test_slip_noise_is_half_normal_and_changes_the_motion_but_not_the_encoders():
     rng = np.random.default_rng(5)
     shares = np.array([half_normal(*rng.random(2), 0.05) for _ in range(3000)])
     # Of |N(0, s)|: the mean is s sqrt(2 / pi), the variance s^2 (1 - 2 / pi).
@@ -121,4 +121,4 @@ def test_slip_is_half_normal_independent_and_takes_the_motion_but_not_the_encode
         left, right = (1.0 - lost for lost in half_normal(*noise[FURTHER, 2:], 0.05))
         assert state.twist == pytest.approx((0.5 * (left + right), (right - left) / L))
     state = plant_step(new_plant(ORIGIN), Twist(1.0, 0.0), noise, QUIET._replace(slip_noise=1e3))
-    assert state.twist == (0.0, 0.0), "no more than all of it"
+    assert state.twist == (0.0, 0.0), "a wheel cannot lose more than its whole motion"

@@ -1,4 +1,4 @@
-"""The compiled closed loop does what the ROS-free closed loop does, whatever the chunks, threads and processes."""
+"""The compiled closed loop equals the plain one and the nodes' filter, for any chunks and threads."""
 
 import math
 
@@ -18,9 +18,9 @@ from diffbot_core.uncertainty import Estimate
 from diffbot_sim import batch
 from diffbot_sim.batch import COLUMNS, Starts, run_batch, run_histories
 from diffbot_sim.config import DetectorConfig, PlantConfig, SensorConfig, StartPose, WorldConfig
-from diffbot_sim.fusion import Robot
+from diffbot_sim.fusion import SimulatedRobot
 from diffbot_sim.robot_step import FEEDBACKS, Case
-from diffbot_sim.simulation import SimulatedRobot, simulate
+from diffbot_sim.simulation import ClosedLoop, simulate
 
 ORIGIN = Pose(0.0, 0.0, 0.0)
 PAPER = PlantConfig(exact_arc=False, drive_noise=0.0, encoder_noise=0.0, eps_v_max=0.065, eps_omega_max=0.2167)
@@ -40,7 +40,7 @@ TOO_LATE_SENSORS = {
 
 
 def case_of(plant=PAPER, sensors=SENSORS, controller=CONTROLLER, goal=ORIGIN, feedback="raw", steps=150):
-    robot = Robot(plant, sensors, options_of(LocalizationConfig()), np.empty((0, 2)))
+    robot = SimulatedRobot(plant, sensors, options_of(LocalizationConfig()), np.empty((0, 2)))
     return Case(robot, controller, goal, FEEDBACKS.index(feedback), False, steps, 0.4, 0.1)
 
 
@@ -99,13 +99,13 @@ WORLDS = {
         (9.0, 2.0, -2.9),
     ),
 }
-# In the order of their positions, in which the node fuses those of one stamp.
+# In the order of their positions, in which the node fuses measurements of one stamp.
 LANDMARKS = LandmarkMap((1, 2, 3), (-3.0, 0.5, 3.0), (2.0, -3.0, 1.0))
 POINTS = tuple(LANDMARKS.points().values())
 FAULTS = SensorConfig(fix_rate=5.0, fix_delay=0.32, fix_dropout=0.2, fix_outlier=0.1, heading_rate=10.0)
 GYRO = SensorConfig(fix_rate=2.0, gyro_rate=10.0, gyro_bias=0.05, landmark_rate=2.0)
 SLIPPING = PlantConfig(encoder_noise=0.01, slip_right=0.1, slip_start=4.0, slip_duration=8.0)
-"""So much that the gyro contradicts the wheels, and after a while makes their radii uncertain."""
+"""Enough slip that the gyro contradicts the wheels and the filter distrusts their radii."""
 KIDNAPPED = PlantConfig(kidnap_time=4.0, kidnap_x=4.0, kidnap_yaw=1.0)
 
 
@@ -122,7 +122,7 @@ LATE = {
     "kidnapped": fused(
         SensorConfig(fix_rate=5.0, fix_outlier=0.2, heading_rate=5.0, landmark_rate=2.0), "ekf", KIDNAPPED
     ),
-    "errors that last": fused(SensorConfig(fix_rate=5.0, fix_noise_correlation=0.9)),
+    "time-correlated errors": fused(SensorConfig(fix_rate=5.0, fix_noise_correlation=0.9)),
     "no heading": fused(SensorConfig(fix_covariance_scale=4.0, eps_theta_max=3.1, heading_rate=5.0)),
 }
 
@@ -136,7 +136,7 @@ def assert_same_histories(history, expected):
 
 @pytest.mark.parametrize("feedback", FEEDBACKS)
 @pytest.mark.parametrize("name", WORLDS)
-def test_it_is_the_closed_loop(name, feedback):
+def test_the_compiled_loop_equals_the_plain_loop(name, feedback):
     plant, sensors, controller, goal, start = WORLDS[name]
     case = case_of(plant, sensors, controller, goal, feedback)
     moved = 0.0
@@ -165,11 +165,11 @@ def test_it_is_the_closed_loop(name, feedback):
         assert outcome["local_time"] == pytest.approx(expected.time[local[0]] if local.size else math.nan, nan_ok=True)
         error = np.hypot(*(expected.feedback[-1] - expected.truth[-1])[:2])
         assert outcome["estimation_error"] == pytest.approx(error, abs=1e-9, nan_ok=True)
-    assert moved > 1.0  # what is compared is a drive
+    assert moved > 1.0  # the robot has moved
 
 
 @pytest.mark.parametrize("name", LATE)
-def test_measurements_of_all_kinds_are_fused_as_the_node_fuses_them_late_or_not(name):
+def test_measurements_are_fused_as_by_the_filter_of_the_nodes(name):
     plant, sensors, config = LATE[name]
     case = with_filter(case_of(plant, sensors, feedback="ekf", steps=120), config, POINTS)
     world, localization = (
@@ -178,8 +178,8 @@ def test_measurements_of_all_kinds_are_fused_as_the_node_fuses_them_late_or_not(
     )
     plain = simulate(world, CONTROLLER, ORIGIN, 120, "ekf", localization)
     assert_same_histories(run_histories(case, Starts(np.array([START])), 9, 1, 1)[0], plain)
-    # The filter of the nodes, which keeps a history of messages.
-    node, memory = SimulatedRobot(world, localization, SupervisorConfig(), SwitchingLaw), new_memory()
+    # The filter of the nodes, with its history of messages.
+    node, memory = ClosedLoop(world, localization, SupervisorConfig(), SwitchingLaw), new_memory()
     for index in range(121):
         node.sense()
         np.testing.assert_allclose(node.truth, plain.truth[index], rtol=0.0, atol=1e-9)
@@ -193,16 +193,37 @@ def test_measurements_of_all_kinds_are_fused_as_the_node_fuses_them_late_or_not(
         node.world.advance(type(node.world.state.twist)(*command))
 
 
-def test_what_never_was_is_nan():
+@pytest.mark.parametrize("feedback", ["ekf", "raw"])
+def test_the_robot_stands_still_until_the_first_fix(feedback):
+    for sensors, first in ((SensorConfig(fix_delay=0.5), 5), (SensorConfig(fix_rate=0.0), 21)):
+        recording = simulate(WorldConfig(sensors=sensors), CONTROLLER, ORIGIN, 20, feedback)
+        assert np.isnan(recording.feedback[:first]).all()
+        assert not np.isnan(recording.feedback[first:]).any()
+        assert not recording.command[:first].any()
+        assert recording.command[first:, 0].all()
+        np.testing.assert_array_equal(recording.truth[:first], recording.truth[[0] * first])
+
+
+@pytest.mark.parametrize(
+    ("steps", "feedback", "message"),
+    [(10, "eyes", "feedback = 'eyes': must be one of truth, raw, ekf"), (0, "ekf", "steps = 0: must be >= 1")],
+)
+def test_wrong_arguments_of_simulate_are_named(steps, feedback, message):
+    with pytest.raises(InvalidValueError) as caught:
+        simulate(WorldConfig(), CONTROLLER, ORIGIN, steps, feedback)
+    assert str(caught.value) == message
+
+
+def test_events_that_did_not_happen_are_nan():
     # No fix: the robot does not move.
     case = case_of(QUIET, SensorConfig(fix_rate=0.0), steps=20)
     outcome = outcome_of(case, START)
     assert all(math.isnan(outcome[name]) for name in ("settling_time", "local_time", "estimation_error"))
     assert outcome["path_length"] == outcome["effort"] == outcome["switches"] == 0.0
-    # From the goal itself it has settled at once.
+    # A run that starts at the goal settles at time 0.
     outcome = outcome_of(case_of(QUIET, EXACT, feedback="truth", steps=20), (0.0, 0.0, 0.0))
     assert outcome["settling_time"] == outcome["local_time"] == 0.0
-    # Wheel speeds overflow: inf - inf is the robot's velocity.
+    # The wheel speeds overflow, and the velocity is inf - inf.
     overflowing = PaperConfig(gains=PaperGains(k=1e308))
     outcome = outcome_of(case_of(QUIET, EXACT, overflowing, feedback="truth", steps=5), START)
     assert math.isnan(outcome["x"])
@@ -222,7 +243,7 @@ BOX = Starts(np.array([START, (3.0, 1.0, 2.0), (0.0, 7.0, -1.0)]), (1.0, 2.0, 0.
 
 
 @pytest.mark.parametrize("case", CASES, ids=["raw", "actuators, late"])
-def test_bitwise_the_same_in_any_pieces(case, monkeypatch):
+def test_results_are_equal_to_the_bit_for_any_chunks_and_threads(case, monkeypatch):
     whole, histories = run_batch(case, BOX, 11, 5, 60, threads=1), run_histories(case, BOX, 11, 5, 60, threads=1)
     np.testing.assert_array_equal(histories[:, -1, :3], whole[:, :3])
     for size, threads in ((1, 2), (7, 5), (64, 1)):
@@ -235,7 +256,7 @@ def test_bitwise_the_same_in_any_pieces(case, monkeypatch):
     assert run_batch(case, BOX, 1, 0, 0).shape == (0, len(COLUMNS))
 
 
-def test_the_box_is_filled_evenly():
+def test_starts_are_uniform_in_their_box():
     centre, half = (1.0, -2.0, 3.0), np.array((3.0, 0.5, math.pi))
     case = case_of(QUIET, EXACT, feedback="truth", steps=1)
     poses = [run_histories(case, Starts(np.array([centre]), tuple(half)), seed, 0, 2000)[:, 0, :3] for seed in (1, 2)]
@@ -259,7 +280,7 @@ def test_the_box_is_filled_evenly():
         (case_of(), np.empty((0, 3)), "starts = (0, 3): must be (n, 3) with n >= 1"),
     ],
 )
-def test_refused(case, poses, message):
+def test_wrong_cases_are_refused(case, poses, message):
     with pytest.raises(InvalidValueError) as caught:
         run_batch(case, Starts(np.array(poses)), 1, 0, 1)
     assert str(caught.value) == message

@@ -1,4 +1,4 @@
-"""At the bounds of its parameters and between them, the simulated robot and its sensors give finite numbers only."""
+"""For all allowed parameters, the messages of the simulated robot contain only finite numbers."""
 
 import warnings
 
@@ -23,7 +23,7 @@ BASE = build(
 
 
 def drive(config, rng):
-    """Yield the numbers of all messages of each step, under commands up to the largest that a message may hold."""
+    """Yield the numbers of all messages of each step, for commands up to the largest allowed speed."""
     world = World(config)
     for _ in range(STEPS):
         arrivals = world.sense()
@@ -35,7 +35,7 @@ def drive(config, rng):
         world.advance(Twist(*(log_between(-MAX_SPEED, MAX_SPEED, rng) if rng.random() < 0.5 else 1.0 for _ in "vw")))
 
 
-def test_what_the_plant_sends_is_finite():
+def test_messages_of_the_plant_are_finite():
     rng = np.random.default_rng(1)
     tried = 0
     with warnings.catch_warnings():

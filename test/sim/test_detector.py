@@ -1,4 +1,4 @@
-"""A detector of a dock: where it sees it, how wrong it is, and that the covariance it claims is the true one."""
+"""Detector of a dock: range, errors and covariance."""
 
 import math
 
@@ -8,7 +8,7 @@ import pytest
 from diffbot_control.filter.dock import robot_at_dock
 from diffbot_core.geometry import Pose, into_frame, out_of_frame
 from diffbot_sim import sensors
-from diffbot_sim.config import DetectorConfig, SensorConfig, dock_of
+from diffbot_sim.config import DetectorConfig, SensorConfig, dock_pose
 from diffbot_sim.noise import DETECTION, DETECTION_FAULT, NoiseSource, quiet_noise
 from diffbot_sim.sensors import NO_ERRORS, claimed_noise, detected_dock
 
@@ -16,14 +16,14 @@ CONFIG = DetectorConfig(dock_x=3.0, dock_y=-2.0, dock_yaw=2.5, detection_rate=5.
 
 
 def detections(robot, config=CONFIG, count=1500):
-    """Detect the dock from a pose in its frame."""
-    pose = out_of_frame(robot, dock_of(config))
+    """Return detections of a robot at a pose in the dock's frame."""
+    pose = out_of_frame(robot, dock_pose(config))
     noise = NoiseSource().run(5, 1, count, (DETECTION, DETECTION_FAULT))
     return [detected_dock(pose, noise[:, step], config) for step in range(count)]
 
 
 @pytest.mark.parametrize("robot", [Pose(-0.6, 0.1, 0.1), Pose(-3.0, 1.5, -0.4)])
-def test_the_errors_grow_with_the_distance_and_have_the_covariance_claimed_in_the_frame_of_the_dock(robot):
+def test_errors_increase_with_distance_and_have_the_claimed_covariance_in_the_docks_frame(robot):
     found = detections(robot)
     for one in found:
         distance = math.hypot(one.pose.x, one.pose.y)
@@ -33,7 +33,7 @@ def test_the_errors_grow_with_the_distance_and_have_the_covariance_claimed_in_th
     scale = np.sqrt(np.outer(P.diagonal(), P.diagonal()))
     errors = np.subtract([robot_at_dock(one.pose) for one in found], robot)
     np.testing.assert_allclose(np.cov(errors.T) / scale, P / scale, atol=0.08)
-    # Those of the detection itself are uniform.
+    # In the robot's frame the errors are uniform.
     errors = np.array([one.pose for one in found]) - into_frame(Pose(0.0, 0.0, 0.0), robot)
     distance = math.hypot(robot.x, robot.y)
     bounds = math.sqrt(3.0) * np.array((0.01 + 0.01 * distance, 0.01 + 0.01 * distance, 0.02 + 0.01 * distance))
@@ -41,7 +41,7 @@ def test_the_errors_grow_with_the_distance_and_have_the_covariance_claimed_in_th
     np.testing.assert_allclose(errors.var(axis=0), bounds**2 / 3.0, rtol=0.1)
 
 
-def test_dropouts_and_outliers_come_as_often_as_configured_and_independently():
+def test_dropouts_and_outliers_have_their_shares_and_are_independent():
     robot = Pose(-2.0, 0.3, 0.2)
     config = CONFIG._replace(detection_dropout=0.3, detection_outlier=0.2)
     found, plain = detections(robot, config), detections(robot)
@@ -56,7 +56,7 @@ def test_dropouts_and_outliers_come_as_often_as_configured_and_independently():
     assert not any(one.lost for one in plain)
 
 
-def test_the_dock_is_seen_from_nearest_to_farthest():
+def test_the_dock_is_detected_within_the_range_of_distances():
     found = [detections(Pose(-x, 0.0, 0.0), CONFIG, 1)[0].lost for x in (0.25, 0.35, 7.95, 8.05)]
     assert found == [True, False, False, True]
 
@@ -64,7 +64,7 @@ def test_the_dock_is_seen_from_nearest_to_farthest():
 def test_with_a_detector_poses_are_measured_at_its_rate_in_the_frame_of_the_dock():
     robot, noise = Pose(-2.0, 0.4, 0.3), quiet_noise(1, 0)[:, 0]
     config = SensorConfig(fix_rate=10.0, detector=CONFIG._replace(detection_rate=2.0, detection_delay=0.3))
-    fix = sensors.measured_pose(out_of_frame(robot, dock_of(config.detector)), NO_ERRORS, noise, config)
+    fix = sensors.measured_pose(out_of_frame(robot, dock_pose(config.detector)), NO_ERRORS, noise, config)
     assert fix.pose == pytest.approx(robot, abs=1e-12)
     assert (sensors.pose_delay(config), fix.lost) == (0.3, False)
     assert [step for step in range(21) if sensors.is_pose_due(step, config, 0.1)] == [0, 5, 10, 15, 20]

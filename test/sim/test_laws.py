@@ -1,4 +1,4 @@
-"""The loop under any law: found functions, the cache's version, plain Python where numba gives up."""
+"""The loop with laws from other packages: versions, laws that do not compile, and the answer reached."""
 
 import logging
 import math
@@ -12,7 +12,7 @@ from diffbot_control.law.switching import SwitchingLaw
 from diffbot_core.geometry import Pose
 from diffbot_lab.cases import Configuration, make_case
 from diffbot_sim.batch import Starts, run_batch
-from diffbot_sim.fusion import new_recent
+from diffbot_sim.fusion import new_buffers
 from diffbot_sim.jit import law_version
 from diffbot_sim.noise import NoiseSource
 from diffbot_sim.robot_step import make_loop
@@ -78,30 +78,30 @@ def case_for(law, **config):
 
 def plain_run(law, case, start=TURNED):
     noise = NoiseSource().run(1, 0, case.steps + 1, purposes_of(case.robot.sensors, 0, 0.0))
-    return make_loop(law, case.feedback)(case, new_recent(case.robot), noise, start, np.empty((0, 12)))
+    return make_loop(law, case.feedback)(case, new_buffers(case.robot), noise, start, np.empty((0, 12)))
 
 
-def test_a_law_that_does_not_compile_runs_as_plain_python_and_says_so_once(write, caplog):
-    # numba knows no import inside a function.
+def test_a_law_that_does_not_compile_runs_as_plain_python_and_is_logged_once(write, caplog):
+    # Numba does not support imports in functions.
     plain = LAW.replace("    return geometry", "    import decimal\n    return geometry")
     law = write(plain.replace('"turner"', '"plain"'), "plain_law")
     with caplog.at_level(logging.WARNING):
         found = [run_batch(case_for(law), START, 1, 0, 1, 1, law)[0] for _ in range(2)]
-    said = [record.getMessage() for record in caplog.records]
-    assert len(said) == 1
-    assert said[0].startswith("law plain runs as plain Python, numba cannot compile it: ")
-    assert "\n" not in said[0]
+    logged = [record.getMessage() for record in caplog.records]
+    assert len(logged) == 1
+    assert logged[0].startswith("law plain runs as plain Python, since numba cannot compile it: ")
+    assert "\n" not in logged[0]
     expected = plain_run(law, case_for(law))
     for one in found:
         np.testing.assert_array_equal(one, expected)
 
 
-def test_another_source_is_another_version(write):
+def test_the_version_changes_with_the_source(write):
     assert law_version(write(LAW)) == law_version(write(LAW))
     assert law_version(write(LAW)) != law_version(write(LAW + "\n# changed\n", "turning_law_2"))
 
 
-def test_reached_and_turning_are_counted():
+def test_the_outcome_contains_turning_and_the_time_of_reached():
     case = make_case(Configuration(), 20.0, feedback="truth")
     near, far = (plain_run(SwitchingLaw, case, Pose(x, 0.0, 2.0)) for x in (0.0, 500.0))
     assert near.turning == pytest.approx(2.0, abs=0.2)  # [rad] on the spot
@@ -110,7 +110,7 @@ def test_reached_and_turning_are_counted():
     assert math.isnan(far.reached_time)
 
 
-def test_a_wrong_reached_is_counted(write):
+def test_the_outcome_contains_a_false_reached(write):
     liar = write(LAW.replace("abs(omega) < 0.01", "True"), "lying_law")
     outcome = plain_run(liar, case_for(liar))
     assert (outcome.reached_time, outcome.false_reached) == (0.0, 1.0)

@@ -1,4 +1,4 @@
-"""The lock-step protocol without ROS: when a step is sent, when the robot moves, and with which command."""
+"""Lock-step protocol without ROS: when a step is sent, when the robot moves, and with which command."""
 
 from diffbot_core.kinematics import Twist
 from diffbot_sim.lockstep import MAX_STEPS_WITHOUT_FIX, NO_COMMAND, NO_FILTER, NO_FIX, STALLED_CHECKS, LockStep
@@ -11,7 +11,7 @@ def command(number):
 
 
 class FakePlant:
-    """Writes down what the protocol does; fixes from step ``first_fix`` on."""
+    """Records the calls of the protocol. Fixes arrive from step ``first_fix`` on."""
 
     def __init__(self, first_fix=0):
         self.step = 0
@@ -54,7 +54,7 @@ def poll(lockstep, times=1):
 
 
 def started():
-    """A robot whose first step is sent."""
+    """Return plant and protocol after the first step was sent."""
     plant = FakePlant()
     lockstep = LockStep(plant)
     poll(lockstep, 11)
@@ -62,7 +62,7 @@ def started():
     return plant, lockstep
 
 
-def test_the_first_step_is_sent_when_ten_polls_found_the_same_neighbours():
+def test_the_first_step_is_sent_after_ten_polls_with_the_same_connections():
     plant = FakePlant()
     lockstep = LockStep(plant)
     poll(lockstep, 10)
@@ -80,7 +80,7 @@ def test_the_first_step_is_sent_when_ten_polls_found_the_same_neighbours():
     assert plant.moves == [command(1)]
 
 
-def test_time_passes_without_odometry_until_the_first_fix():
+def test_the_plant_sends_no_odometry_before_the_first_fix():
     plant = FakePlant(first_fix=7)
     poll(LockStep(plant), 12)
     assert plant.truths == [0, 1, 2, 3, 4, 5, 6]
@@ -89,7 +89,7 @@ def test_time_passes_without_odometry_until_the_first_fix():
     assert NO_FIX not in plant.reports
 
 
-def test_without_any_fix_the_last_awaited_step_is_sent_and_reported_once():
+def test_without_fixes_the_wait_ends_and_is_reported_once():
     plant = FakePlant(first_fix=10**9)
     lockstep = LockStep(plant)
     poll(lockstep, 11 + MAX_STEPS_WITHOUT_FIX // 5)
@@ -114,24 +114,24 @@ def stall(lockstep, times):
         lockstep.on_stall_check()
 
 
-def test_a_step_without_an_answer_does_not_stop_the_robot_for_ever():
+def test_a_step_without_an_answer_does_not_stop_the_simulation():
     plant, lockstep = started()
     stall(lockstep, STALLED_CHECKS - 1)
     assert (plant.moves, plant.reports.count(NO_COMMAND)) == ([], 0)
     stall(lockstep, 1)
     assert (plant.moves, plant.reports.count(NO_COMMAND), lockstep.unanswered) == ([STOP], 1, 1)
-    # As long as nothing answers, each check moves it on.
+    # Without answers, each further check moves the robot.
     stall(lockstep, 3)
     assert plant.moves == [STOP] * 4
     lockstep.on_command(command(5), 0)
-    assert plant.step == 4, "a late answer to a step of before"
+    assert plant.step == 4, "a late answer to an earlier step is ignored"
     lockstep.on_command(command(6), 4 * 10**8)
     assert plant.moves[4:] == [command(6)]
     stall(lockstep, STALLED_CHECKS - 1)
-    assert plant.step == 5, "it waits again"
+    assert plant.step == 5, "the protocol waits again"
 
 
-def test_a_pause_holds_the_step_and_its_answer_counts_at_its_end():
+def test_an_answer_in_a_pause_moves_the_robot_after_the_pause():
     plant, lockstep = started()
     lockstep.set_paused(True)
     lockstep.on_command(command(1), 0)
@@ -145,7 +145,7 @@ def test_a_pause_holds_the_step_and_its_answer_counts_at_its_end():
     assert (plant.moves, lockstep.unanswered) == ([command(1)], 0)
 
 
-def test_after_a_reset_all_begins_again_and_answers_to_what_was_sent_before_move_nothing():
+def test_after_a_reset_the_protocol_starts_again_and_ignores_old_answers():
     plant, lockstep = started()
     lockstep.on_command(command(1), 0)
     plant.step = 0

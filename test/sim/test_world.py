@@ -1,4 +1,4 @@
-"""The plant with sensors and time: stamps, delays, faults, repeatability and honest covariances."""
+"""The plant with sensors and time: stamps, delays, faults, repeatability and covariances."""
 
 import cmath
 import math
@@ -21,8 +21,8 @@ QUIET = WorldConfig(
 ARC = Twist(1.0, 0.4)
 
 
-def lived(config, steps, command=ARC, start_stamp=0):
-    """Return what each step of a world showed: (stamp, true pose, odometry, fixes, headings)."""
+def simulated(config, steps, command=ARC, start_stamp=0):
+    """Return stamp, true pose, odometry, fixes and headings of each step of a world."""
     world, seen = World(config, start_stamp), []
     for _ in range(steps + 1):
         arrivals = world.sense()
@@ -33,15 +33,15 @@ def lived(config, steps, command=ARC, start_stamp=0):
     return seen
 
 
-def test_sensors_and_faults_do_not_change_the_noise_of_the_wheels():
-    plain = lived(WorldConfig(seed=7), 30)
+def test_sensors_and_faults_do_not_change_other_noise():
+    plain = simulated(WorldConfig(seed=7), 30)
     sensors = SensorConfig(
         heading_rate=10.0, fix_rate=5.0, fix_dropout=0.3, fix_outlier=0.2, fix_delay=0.2, landmark_rate=10.0
     )
     landmarks = LandmarkMap((1, 2), (0.0, 1.0), (0.0, 1.0))
-    faulty = lived(WorldConfig(seed=7, sensors=sensors, landmarks=landmarks), 30)
+    faulty = simulated(WorldConfig(seed=7, sensors=sensors, landmarks=landmarks), 30)
     assert [one[1] for one in faulty] == [one[1] for one in plain]
-    # A fix that comes keeps its noise, whatever else is switched on.
+    # A fix has the same noise whether or not it is late and other sensors are on.
     on_time = {stamp: z for step in plain for stamp, z in step[3]}
     for step in faulty:
         for stamp, z in step[3]:
@@ -51,10 +51,10 @@ def test_sensors_and_faults_do_not_change_the_noise_of_the_wheels():
 
 
 @pytest.mark.parametrize(("delay", "steps"), [(0.0, 0), (0.25, 3)])
-def test_a_fix_belongs_to_its_stamp_and_comes_late(delay, steps):
+def test_a_late_fix_has_the_pose_at_its_stamp(delay, steps):
     sensors = QUIET.sensors._replace(fix_delay=delay, fix_rate=5.0, heading_rate=10.0)
     sensors = sensors._replace(heading_error_max=0.0)
-    seen = lived(QUIET._replace(sensors=sensors), 40)
+    seen = simulated(QUIET._replace(sensors=sensors), 40)
     poses = {stamp: pose for stamp, pose, *_ in seen}
     fixes = [(number, stamp, z) for number, step in enumerate(seen) for stamp, z in step[3]]
     assert [number for number, _, _ in fixes] == [number for number in range(steps, 41) if (number - steps) % 2 == 0]
@@ -68,7 +68,7 @@ def test_a_fix_belongs_to_its_stamp_and_comes_late(delay, steps):
         assert z == pytest.approx(poses[stamp].theta, abs=1e-12)
 
 
-def test_the_odometrys_covariance_is_that_of_its_errors():
+def test_the_covariance_of_the_odometry_is_the_covariance_of_its_errors():
     # Without drive noise the true motion is known. Uniform wheel errors over 25 steps are nearly normal.
     total, runs = 0.0, 200
     for run in range(runs):
@@ -84,7 +84,7 @@ def test_the_odometrys_covariance_is_that_of_its_errors():
     assert low < total < high
 
 
-def test_landmarks_are_seen_at_their_rate_within_their_range_where_they_are():
+def test_landmarks_within_range_are_measured_at_their_rate_and_position():
     sensors = QUIET.sensors._replace(
         fix_rate=0.0,
         landmark_rate=5.0,
@@ -110,37 +110,30 @@ def test_landmarks_are_seen_at_their_rate_within_their_range_where_they_are():
     assert numbers == {7, -2, 4}
 
 
-def test_errors_of_landmarks_are_as_large_as_they_claim_and_their_own():
-    sensors = QUIET.sensors._replace(landmark_rate=10.0, heading_rate=10.0, eps_xy_max=0.3)
+def test_errors_have_the_covariances_of_the_messages_and_are_independent():
+    sensors = SensorConfig(eps_xy_max=0.6, eps_theta_max=0.17, heading_rate=10.0, landmark_rate=10.0)
+    # Even two landmarks at the same position have independent errors.
     landmarks = LandmarkMap((1, 2), (6.0, 6.0), (0.0, 0.0))
-    world, errors = World(QUIET._replace(sensors=sensors, landmarks=landmarks, seed=5)), []
+    config = QUIET._replace(sensors=sensors, landmarks=landmarks, seed=5)
+    world, errors = World(config), []
     for _ in range(1500):
         arrivals = world.sense()
         ranges = [number for one in arrivals.landmarks for number in (one.range - 6.0, one.bearing)]
-        errors.append([*ranges, arrivals.fixes[0].pose.x, arrivals.headings[0].theta])
+        errors.append([*arrivals.fixes[0].pose, arrivals.headings[0].theta, *ranges])
         world.advance(Twist(0.0, 0.0))
-    R = arrivals.landmarks[0].R
-    np.testing.assert_allclose(R, np.diag([0.1**2 / 3.0, 0.05**2 / 3.0]))
-    np.testing.assert_allclose(np.var(errors, axis=0)[:4], [*R.diagonal()] * 2, rtol=0.1)
-    # Two landmarks at one place, and the other sensors: each number has noise of its own.
-    assert np.abs(np.corrcoef(np.transpose(errors)) - np.eye(6)).max() < 0.1
+    readings = *arrivals.fixes, *arrivals.headings, *arrivals.landmarks
+    variances = np.concatenate([one.R.diagonal() for one in readings])
+    bounds = np.array((0.6, 0.6, 0.17, 0.087, 0.1, 0.05, 0.1, 0.05))
+    np.testing.assert_allclose(variances, bounds**2 / 3.0)
+    np.testing.assert_allclose(np.var(errors, axis=0), variances, rtol=0.1)
+    assert np.abs(np.corrcoef(np.transpose(errors)) - np.eye(8)).max() < 0.1
+    plain, scaled = World(config).sense(), World(config._replace(sensors=sensors._replace(fix_covariance_scale=10.0)))
+    fix = scaled.sense().fixes[0]
+    np.testing.assert_allclose(fix.R, 10.0 * plain.fixes[0].R)
+    assert fix.pose == plain.fixes[0].pose
 
 
-def test_the_covariances_sent_are_those_of_the_noise_and_fixes_claim_a_multiple_of_theirs():
-    sensors = SensorConfig(eps_xy_max=0.6, eps_theta_max=0.17, heading_rate=10.0, landmark_rate=10.0)
-    config = WorldConfig(sensors=sensors, landmarks=LandmarkMap((1,), (0.0,), (0.0,)), seed=4)
-    plain = World(config).sense()
-    R = np.diag([0.12, 0.12, 0.17**2 / 3.0])
-    np.testing.assert_allclose(plain.fixes[0].R, R)
-    np.testing.assert_allclose(plain.headings[0].R, [[0.087**2 / 3.0]])
-    scaled = World(config._replace(sensors=sensors._replace(fix_covariance_scale=10.0))).sense()
-    np.testing.assert_allclose(scaled.fixes[0].R, 10.0 * R)
-    np.testing.assert_array_equal(scaled.fixes[0].pose, plain.fixes[0].pose)
-    np.testing.assert_array_equal(scaled.headings[0].R, plain.headings[0].R)
-    np.testing.assert_array_equal(scaled.landmarks[0].R, plain.landmarks[0].R)
-
-
-def test_new_noise_counts_from_the_next_step():
+def test_changed_noise_applies_from_the_next_step_on():
     world = World(QUIET)
     world.advance(ARC)
     sensors = QUIET.sensors._replace(eps_xy_max=0.5)

@@ -11,7 +11,7 @@ import yaml
 from diffbot_control.filter.odometry import OdometryConfig
 from diffbot_core.geometry import Pose
 from diffbot_sim.config import StartPose
-from diffbot_sim.simulation import SimulatedRobot, simulate
+from diffbot_sim.simulation import ClosedLoop, simulate
 from diffbot_tools import cli
 from diffbot_tools import robot_trial as check
 from diffbot_tools.robot import read_robot
@@ -106,7 +106,7 @@ def test_a_drive_equals_the_reference_loop():
     world, localization, supervisor, rest = robot.parts(3, start)
     # The reference loop uses the covariances in the odometry messages.
     localization = localization._replace(odometry=OdometryConfig())
-    drive = SimulatedRobot(world, localization, supervisor, rest).drive(goal)
+    drive = ClosedLoop(world, localization, supervisor, rest).drive(goal)
     steps = len(drive.time) - 1
     loop = simulate(world, supervisor.controller, goal, steps, localization=localization)
     for mine, other in zip(drive[3:7], loop[:4], strict=True):

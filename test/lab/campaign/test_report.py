@@ -1,4 +1,4 @@
-"""The files that a campaign leaves: all of them say the same, and its heat maps show each cell."""
+"""The files of a campaign agree with each other, and its heat maps show each cell."""
 
 import csv
 import itertools
@@ -23,16 +23,13 @@ def make(grid, **changes):
     campaign = make_campaign({**BASE, "grid": grid, **changes})
     statistics = []
     for cell in campaign.cells:
+        outcomes = run_batch(cell.case, campaign.starts, 1, 0, campaign.options.runs, law=resolve_law(cell.law))
         statistics.append(CellStatistics())
-        statistics[-1].add(
-            count_outcomes(
-                run_batch(cell.case, campaign.starts, 1, 0, campaign.options.runs, law=resolve_law(cell.law))
-            )
-        )
+        statistics[-1].add(count_outcomes(outcomes))
     return campaign, statistics
 
 
-def test_all_files_say_the_same(tmp_path):
+def test_all_files_have_the_same_content(tmp_path):
     campaign, statistics = make(GRID)
     paths = write_report(campaign, statistics, tmp_path)
     assert {path.name for path in paths} == {path.name for path in tmp_path.iterdir()}
@@ -66,8 +63,8 @@ def test_the_heat_map_shows_each_cell_in_its_place(grid, tmp_path, monkeypatch):
         assert values.T.ravel() == pytest.approx([np.nan if one is None else one for one in expected], nan_ok=True)
 
 
-def test_a_long_grid_in_which_nobody_settles_is_drawn(tmp_path):
-    # A lone step: all settling times are missing, in all cells.
+def test_a_large_grid_without_settled_runs_is_drawn(tmp_path):
+    # With a single step, no run settles.
     grid = {"k": [1.0, 2.0], "h": [0.1 + 0.01 * number for number in range(31)]}
     campaign, statistics = make(grid, runs=1, duration=0.1, start={"list": [[1e6, -1e6, 0.0]]})
     for path in write_report(campaign, statistics, tmp_path):

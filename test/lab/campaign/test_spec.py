@@ -1,4 +1,4 @@
-"""What a campaign may be: YAML and flags, unfolded into cells, and one clear line for all that is not allowed."""
+"""Campaigns are read from YAML and flags and expanded into cells; errors are one line that names the value."""
 
 import itertools
 from pathlib import Path
@@ -9,14 +9,14 @@ import yaml
 
 from diffbot_control.law import PRESETS
 from diffbot_lab.campaign.spec import make_campaign, read_campaign
-from diffbot_sim.robot_step import EKF_CODE
+from diffbot_sim.robot_step import FEEDBACKS
 from diffbot_tools import cli
 
 ROOT = Path(__file__).resolve().parents[3]
 CIRCLE = {"circle": {"radius": 2.0, "points": 4, "headings": [0.5, -1.0]}}
 
 
-def test_the_example_is_unfolded():
+def test_the_example_is_expanded_into_cells():
     campaign = read_campaign(ROOT / "config" / "campaign.yaml", {})
     grid = yaml.safe_load((ROOT / "config" / "campaign.yaml").read_text())["grid"]
     points = list(itertools.product(grid["k"], grid["eps_P"]))
@@ -24,10 +24,10 @@ def test_the_example_is_unfolded():
     assert [(one.gains.k, one.eps_P) for one in controllers] == points
     assert {one.eps_P_leave for one in controllers} == {0.6}
     case = campaign.cells[0].case
-    assert (case.steps, case.feedback, case.xy_tolerance, case.yaw_tolerance) == (400, EKF_CODE, 0.4, 0.1)
+    assert (case.steps, case.feedback, case.xy_tolerance, case.yaw_tolerance) == (400, FEEDBACKS.index("ekf"), 0.4, 0.1)
 
 
-def test_starts():
+def test_starts_from_box_list_and_circle():
     box = make_campaign({"start": {"box": {"x": [-1, 3], "heading": [0.5, 0.5]}}}).starts
     assert box.poses.tolist() == [[1.0, 0.0, 0.5]]
     assert box.half == (2.0, 0.0, 0.0)
@@ -36,10 +36,9 @@ def test_starts():
     circle = make_campaign({"start": CIRCLE}).starts.poses
     expected = [(x, y, heading) for heading in (0.5, -1.0) for x, y in ((2, 0), (0, 2), (-2, 0), (0, -2))]
     assert circle == pytest.approx(np.array(expected), abs=1e-12)
-    assert len(make_campaign({"start": {"circle": {"radius": 1}}}).starts.poses) == 8
 
 
-def test_flags_win_and_grids_are_merged_by_name(tmp_path):
+def test_flags_take_precedence_and_grids_are_merged_by_name(tmp_path):
     path = tmp_path / "c.yaml"
     path.write_text(
         "runs: 5\nseed: 3\nset: {preset: paper, h: 0.2, k_2: 2.0}\ngrid: {k: [1.0, 2.0], eps_P: [0.1, 0.2]}\n"
@@ -49,16 +48,16 @@ def test_flags_win_and_grids_are_merged_by_name(tmp_path):
     assert [cell.values for cell in campaign.cells] == [{"k": 4, "eps_P": 0.1}, {"k": 4, "eps_P": 0.2}]
     gains = campaign.cells[0].case.controller.gains
     assert (gains.h, gains.k_2, gains.k) == (0.3, 2.0, 4.0)
-    assert isinstance(gains.k, float)  # a whole number would be compiled anew
+    assert isinstance(gains.k, float)  # an int would be compiled again
     campaign = make_campaign({"duration": 3.0, "grid": {"sampling_time": [0.1, 0.25, 10.0]}})
     assert [cell.case.steps for cell in campaign.cells] == [30, 12, 1]
 
 
-def test_the_identity_names_all_that_decides():
+def test_the_identity_depends_on_every_value_that_changes_results():
     paper = {"preset": "paper", "h": 0.2}
     base = {"runs": 5, "set": paper, "grid": {"k": [1.0]}, "start": CIRCLE}
     found = make_campaign(base)
-    # What a value stands for counts, whatever the words.
+    # Order and explicit defaults do not matter.
     for same in (dict(reversed(base.items())), {**base, "set": {**paper, "k_2": 2.7}}):
         assert make_campaign(same).identity == found.identity
     others = [{"runs": 6}, {"seed": 2}, {"duration": 61.0}, {"feedback": "raw"}]
@@ -74,22 +73,18 @@ REFUSED = {
     "empty grid": ("grid: {k: []}", "grid.k = []"),
     "the same value twice": ("grid: {k: [1, 2, 1.0]}", "grid.k = [1, 2, 1.0]"),
     "too many cells": (f"grid: {{k: {list(range(1, 102))}, h: {list(range(1, 102))}}}", "10201 cells"),
-    "nan in grid": ("set: {preset: paper}\ngrid: {k: [1.0, .nan]}", "k = nan"),
     "delay": ("set: {fix_delay: 1.2}", "fix_delay = 1.2"),
     "two starts": ("start: {list: [[0, 0, 0]], box: {}}", "start = {"),
-    "start beyond all floats": (
-        f"start: {{list: [[0, 0, 1{'0' * 400}]]}}",
-        "<a number of 1329 bits>",
-    ),
+    "too large for a float": (f"start: {{list: [[0, 0, 1{'0' * 400}]]}}", "<a number of 1329 bits>"),
     "box turned round": ("start: {box: {x: [1, 0]}}", "start.box.x = [1, 0]"),
-    "circle without radius": ("start: {circle: {points: 3}}", "start.circle.radius = None"),
     "circle of nan headings": ("start: {circle: {radius: 1, headings: [.nan]}}", "start.circle.headings = [nan]"),
-    "a number of 4000 bits": (f"runs: 0x{'f' * 1000}", "runs = <a number of 4000 bits>"),
     "of another law": ("set: {h: 0.2}", "h = 0.2"),
     "of another law in a cell": ("set: {sigma_known: 0.1}\ngrid: {preset: [tuned, paper]}", "sigma_known = 0.1"),
-    "of no filter": ("feedback: raw\nset: {gate_probability: 0.9}", "acts only with feedback: ekf"),
-    "no mapping": ("- 1\n- 2", "must be a mapping of keys, found list"),
-    "misspelt": ("set: {wheel_radiu: 0.1}", "did you mean wheel_radius"),
+    "of the filter, without a filter": (
+        "feedback: raw\nset: {gate_probability: 0.9}",
+        "has an effect only with feedback: ekf",
+    ),
+    "not a mapping": ("- 1\n- 2", "must be a mapping of keys, found list"),
     "fixes for the true pose": ("feedback: truth\nset: {fix_rate: 1.0}", "feedback: ekf or raw"),
 }
 
@@ -102,7 +97,7 @@ def assert_one_line(text, part):
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_refused_in_one_line(name, tmp_path, capsys):
+def test_a_wrong_file_is_refused_in_one_line(name, tmp_path, capsys):
     text, part = REFUSED[name]
     path = tmp_path / "c.yaml"
     path.write_text(text)
@@ -116,14 +111,12 @@ def test_refused_in_one_line(name, tmp_path, capsys):
     ("flags", "status", "part"),
     [
         (["--grid", "k"], 2, "NAME=VALUE"),
-        (["--set", "k=" + "[" * 5000], 2, "--set"),
         (["--set", "k=1", "k=2"], 1, "--set k = 2: must be given once"),
         (["--set", "k=1", "--grid", "k=[1]"], 1, "set.k = 1"),
-        (["--workers", "0"], 2, "--workers"),
         (["--workers", "2", "--scheduler", "tcp://127.0.0.1:1"], 2, "--scheduler: not allowed with argument --workers"),
     ],
 )
-def test_flags_refused_in_one_line(flags, status, part, tmp_path, capsys):
+def test_wrong_flags_are_refused_in_one_line(flags, status, part, tmp_path, capsys):
     try:
         found = cli.main(["campaign", "--out", str(tmp_path / "out"), *flags])
     except SystemExit as end:
@@ -145,7 +138,7 @@ def test_a_campaign_runs_any_law():
     assert by_path.identity != campaign.identity
 
 
-def test_a_preset_selects_its_law_in_each_cell_and_the_default_is_the_nodes():
+def test_a_preset_selects_its_law_in_each_cell_and_the_default_preset_is_the_nodes():
     cells = make_campaign({"grid": {"preset": ["paper", "tuned", "precise"]}}).cells
     assert [cell.law for cell in cells] == ["paper", "switching", "switching"]
     assert [cell.case.controller for cell in cells] == [PRESETS[name].config for name in ("paper", "tuned", "precise")]
