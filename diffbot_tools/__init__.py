@@ -1,4 +1,4 @@
-"""What the user of a robot runs: the command ``diffbot``, recorded drives, the live page, calibration.
+"""Programs for the user of a robot: the command ``diffbot``, reports of bags, the live page, calibration.
 
 Conventions as in :mod:`diffbot_core`.
 """

@@ -16,9 +16,9 @@ from diffbot_core.yaml_files import load_yaml
 
 MAX_SEED = 2**63 - 1
 MAX_HEADING = math.tau
-"""[rad] largest heading of a goal; a larger number is probably meant in degrees"""
+"""[rad] largest heading of a goal; a larger number is probably in degrees"""
 OUTPUTS = ("out", "record")
-"""Names of the options of any command whose path is written; all other paths are read."""
+"""Options whose paths are written, in every command. The paths of all other options are read."""
 Number = TypeVar("Number", int, float)
 
 
@@ -70,15 +70,15 @@ def duration(text: str) -> float:
 
 
 def checked_heading(name: str, theta: float, degrees: str = "math.radians({:g})") -> float:
-    """Return the heading of a goal [rad].
+    """Return the heading ``theta`` of a goal [rad] if it is within a turn.
 
     Args:
-        name: name of the heading, for the error.
+        name: name of the heading in the error.
         theta: [rad].
-        degrees: how to write an angle in degrees, with a placeholder for the number, for the error.
+        degrees: syntax for an angle in degrees in the error, with a placeholder for the number.
 
     Raises:
-        InvalidValueError: if the heading is not finite, or more than a turn.
+        InvalidValueError: if the heading is not finite, or exceeds a turn.
     """
     if not abs(theta) <= MAX_HEADING:
         bound = f"a heading within a turn, +-{MAX_HEADING:.2f} rad; for degrees write {degrees.format(theta)}"
@@ -101,7 +101,7 @@ def angle(text: str) -> float:
 
 
 def yaml_value(text: str) -> Any:
-    """Return the plain value of a text in YAML; a type for argparse."""
+    """Parse a text as YAML and return its value; a type for argparse."""
     try:
         return load_yaml(text, shown(text), unique_keys=True)
     except DiffbotError as error:
@@ -118,16 +118,20 @@ def setting(text: str) -> tuple[str, Any]:
 
 def ros_parameters(values: Mapping[str, Any]) -> list[str]:
     """Return the ROS arguments that set these parameters."""
-    # ROS parses values as YAML. JSON is valid YAML, except for escaped surrogate pairs, so nothing is escaped.
+    # ROS parses values as YAML. JSON is valid YAML, except for escaped surrogate pairs. Therefore ensure_ascii is off.
     pairs = (f"{name}:={json.dumps(value, ensure_ascii=False)}" for name, value in values.items())
     return [part for pair in pairs for part in ("-p", pair)]
 
 
 def once(flag: str, settings: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Return the values of repeated options ``flag`` by name.
+    """Return the values of ``settings`` by name.
+
+    Args:
+        flag: option that has given the settings, for the error.
+        settings: name and value of each.
 
     Raises:
-        InvalidValueError: if a name is given twice.
+        InvalidValueError: if a name appears twice.
     """
     values: dict[str, Any] = {}
     for name, value in settings:
@@ -138,7 +142,7 @@ def once(flag: str, settings: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def add_flags(parser: argparse.ArgumentParser, config_type: type[Any], without: tuple[str, ...] = ()) -> None:
-    """Add a flag for each parameter of a configuration; the parsed options contain only the flags that are given."""
+    """Add a flag for each parameter of a configuration; the parsed options contain only flags that were given."""
     for parameter in parameters_of(config_type):
         if parameter.name in without:
             continue

@@ -42,14 +42,14 @@ class Argument(NamedTuple):
     name: str
     text: str
     default: str = ""
-    """An empty default leaves the value to the parameter file and the node."""
+    """If empty, the parameter file or the node sets the value."""
     choices: tuple[str, ...] = ()
     is_number: bool = False
 
 
 _COMMON = (
-    Argument("namespace", "namespace of the robot; a second one makes a second robot"),
-    Argument("frame_prefix", "prefix of the robot's own frames, e.g. robot1/; all robots then share /tf"),
+    Argument("namespace", "namespace of the robot; robots are launched one by one, each with its own namespace"),
+    Argument("frame_prefix", "prefix of the robot's frames, e.g. robot1/; robots with prefixes share /tf"),
     Argument("parameters", "parameter file of all nodes (default: config/diffbot.yaml of this package)"),
     Argument("preset", "preset of the controller", choices=tuple(PRESETS)),
     Argument("localization", "start the ekf; false if another localization publishes the pose", "true", _BOOLEAN),
@@ -66,7 +66,7 @@ _COMMON = (
 ROBOT = (
     *_COMMON,
     Argument("description", "start robot_state_publisher, if it is installed", "false", _BOOLEAN),
-    Argument("use_sim_time", "use the time of /clock: with a replayed bag or another simulator", "false", _BOOLEAN),
+    Argument("use_sim_time", "use the time of /clock, for a replayed bag or another simulator", "false", _BOOLEAN),
 )
 """Arguments of robot.launch.py."""
 SIMULATION = (
@@ -77,7 +77,7 @@ SIMULATION = (
     Argument("yaw", "start heading [rad]", is_number=True),
     Argument("seed", "seed of all noise", is_number=True),
     Argument("clock", "source of time", "wall", ("wall", "scaled", "lockstep")),
-    Argument("real_time_factor", "speed of the clock scaled", is_number=True),
+    Argument("real_time_factor", "speed of the clock with clock:=scaled; 1 is real time", is_number=True),
 )
 """Arguments of simulation.launch.py."""
 
@@ -106,25 +106,26 @@ class NodePlan(NamedTuple):
 def parse(arguments: Sequence[Argument], texts: Mapping[str, str]) -> dict[str, Any]:
     """Return the value of each argument that is given or has a default, by the name of the argument.
 
-    Paths are made absolute. Numbers, names and the folder of a bag are checked later, by the nodes.
+    Paths are made absolute. The nodes check numbers, names and the folder of a bag later.
 
     Raises:
         DiffbotError: if a number cannot be parsed, or two arguments exclude each other.
     """
     values: dict[str, Any] = {}
     for one in arguments:
-        text: Any = texts.get(one.name, one.default).strip()
+        text = texts.get(one.name, one.default).strip()
         if not text:
             continue
         if one.choices == _BOOLEAN:
-            text = text == "true"
+            values[one.name] = text == "true"
         elif one.is_number:
-            text = load_yaml(text, one.name)
+            values[one.name] = load_yaml(text, one.name)
         elif one.name in _PATHS:
-            text = os.path.abspath(Path(text).expanduser())
-        values[one.name] = text
+            values[one.name] = os.path.abspath(Path(text).expanduser())
+        else:
+            values[one.name] = text
     if values["composed"] and not values["localization"]:
-        raise InvalidValueError("composed", True, "false with localization:=false: there is no ekf to share a process")
+        raise InvalidValueError("composed", True, "false with localization:=false, since robot_node runs the ekf")
     return values
 
 
@@ -137,7 +138,7 @@ def plan(values: Mapping[str, Any], share: Path, *, simulate: bool) -> list[Node
         simulate: start the plant.
 
     Raises:
-        DiffbotError: in one line, if a file cannot be read.
+        DiffbotError: if a file cannot be read.
     """
     time = {"use_sim_time": values["clock"] != "wall" if simulate else values["use_sim_time"]}
     file = parameter_file(values, share)
@@ -161,7 +162,7 @@ def plan(values: Mapping[str, Any], share: Path, *, simulate: bool) -> list[Node
 def _parameters(values: Mapping[str, Any], *, simulate: bool) -> dict[str, dict[str, Any]]:
     """Return the parameters of each process of this package, in the order of starting."""
     is_lockstep = values.get("clock") == "lockstep"
-    # In lock-step a lost message would stop the graph, and the stamp of each command names its step.
+    # In lock-step, a lost message would stop the graph, and a command must have the stamp of its step.
     reliable = {"reliable_inputs": True} if is_lockstep else {}
     stamped = {"cmd_vel_type": "twist_stamped"} if is_lockstep else _given(values, "cmd_vel_type")
     idle = {"publish_when_idle": True} if is_lockstep else {}
@@ -187,7 +188,7 @@ def _parameters(values: Mapping[str, Any], *, simulate: bool) -> dict[str, dict[
 
 
 def _is_for(sections: Sequence[Section], process: str) -> bool:
-    """True if a parameter file is for a node of a process. A node with a misspelt name reports the error itself."""
+    """True if a section is for a node of a process. A misspelt name counts, so that the node gets and reports it."""
     names = _MEMBERS.get(process, (process,))
     return any(one.node in (name, *WILDCARDS) or one.is_nearly_for(name) for one in sections for name in names)
 
@@ -214,9 +215,9 @@ def parameter_file(values: Mapping[str, Any], share: Path) -> Path:
 def environment(values: Mapping[str, Any], outer: Mapping[str, str], *, simulate: bool) -> dict[str, str]:
     """Return the environment variables to set for the nodes.
 
-    By default a robot can be discovered by other hosts, since another host may drive it. A simulated robot cannot: it
-    obeys any cmd_vel and may publish /clock. The argument, and for a simulation the environment of the launch
-    (``outer``), override the default.
+    By default, other hosts can discover a real robot, since one of them may drive it. They cannot discover a simulated
+    robot, which obeys any cmd_vel and may publish /clock. The argument ``discovery_range``, and for a simulation the
+    environment of the launch (``outer``), override the default.
     """
     chosen = values.get("discovery_range", "")
     if not chosen and simulate and not outer.get(DISCOVERY_RANGE):
@@ -237,22 +238,22 @@ def check_data_sheet(file: Path) -> None:
     values = values_for(file, CONTROLLER)
     if missing := [name for name in REQUIRED if name not in values]:
         raise DiffbotError(
-            f"{file}: /**/controller lacks {', '.join(missing)}: a robot is not driven without its limits"
+            f"{file}: /**/controller lacks {', '.join(missing)}: a real robot is not driven without its limits"
         )
 
 
 def check_limits(nodes: Collection[str], ros_arguments: Sequence[str]) -> None:
-    """Refuse a controller whose parameter files lack the limits of its robot, unless the plant is the same robot.
+    """Refuse a controller without the limits of its robot: it would use the limits of the paper's robot.
 
-    Without limits the controller would use the limits of the paper's robot. If no parameter file is given, this is only
-    a warning.
+    A controller that drives a plant with the same data sheet is not refused. Without any parameter file, only a warning
+    is printed.
 
     Args:
         nodes: names of the nodes in the process.
         ros_arguments: ROS arguments of the process, without ``--ros-args``.
 
     Raises:
-        DiffbotError: in one line, if limits are missing, or a file cannot be read.
+        DiffbotError: if limits are missing, or a file cannot be read.
     """
     given = _values_given(CONTROLLER, ros_arguments)
     missing = [name for name in REQUIRED if name not in given]
@@ -267,7 +268,7 @@ def check_limits(nodes: Collection[str], ros_arguments: Sequence[str]) -> None:
         different = [f"{name} {robot[name]} and {plant[name]}" for name in names if robot[name] != plant[name]]
         if not different:
             return
-        reason = f"the plant is another robot: {', '.join(different)}"
+        reason = f"the plant has another data sheet: {', '.join(different)}"
     if "--params-file" not in ros_arguments:
         limits = to_dict(ControllerNodeConfig()) | given
         used = ", ".join(f"{name} {limits[name]:g}" for name in missing)
@@ -280,7 +281,7 @@ def check_limits(nodes: Collection[str], ros_arguments: Sequence[str]) -> None:
 
 
 def _values_given(node: str, words: Sequence[str]) -> dict[str, Any]:
-    """Return the parameters that files and single arguments give a node; single arguments win, as in rcl."""
+    """Return the parameters that files and ``-p`` arguments give a node; ``-p`` overrides files, as in rcl."""
     full_name, values = _full_name(node, words), dict[str, Any]()
     for flag, value in itertools.pairwise(words):
         if flag == "--params-file":

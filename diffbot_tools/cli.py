@@ -31,7 +31,7 @@ from diffbot_tools.view.report_command import add_report
 from diffbot_tools.watch.command import add_watch
 
 COMMANDS = "diffbot.commands"
-"""Group of the entry points that add commands: each is a function that is called with the subparsers."""
+"""Group of entry points. Each is a function that adds commands to the subparsers that it is called with."""
 EXAMPLES: dict[str, tuple[str, ...]] = {
     "demo": ("demo", "demo --watch"),
     "run": ("run robot --with plant recorder", "run robot --ros-args --params-file my_robot.yaml"),
@@ -67,9 +67,9 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "stability adversary": ("stability adversary out/stability/certificate.json",),
     "stability verify": ("stability verify out/stability/certificate.json",),
 }
-"""Examples in the help of each command, by the words of the command."""
+"""Examples in the help of each command, by the name of the command."""
 BROKEN_PIPE = 141
-"""Exit status if the reader of the output has ended, the same as after SIGPIPE."""
+"""Exit status if the process that reads the output has ended, the same as after SIGPIPE."""
 
 
 def main(args: list[str] | None = None) -> int:
@@ -77,7 +77,7 @@ def main(args: list[str] | None = None) -> int:
 
     Returns:
         Exit status: 0 for success, 1 after an error or a missed goal, 2 for wrong usage, 130 after an interrupt, 141 if
-        the reader of the output has ended.
+        the process that reads the output has ended.
     """
     parser, words = _parser(), sys.argv[1:] if args is None else args
     if "_ARGCOMPLETE" in os.environ:
@@ -133,16 +133,16 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _add_examples(parser: argparse.ArgumentParser, words: tuple[str, ...] = ()) -> None:
-    """Add the examples to the help of every command below ``parser``, which has these ``words``."""
+    """Add the examples to the help of every command below ``parser``; ``words`` are the name of ``parser`` itself."""
     commands = [one.choices for one in parser._actions if isinstance(one, argparse._SubParsersAction)]
     for name, command in (item for choices in commands for item in choices.items()):
-        here = (*words, name)
-        if examples := EXAMPLES.get(" ".join(here)):
+        full_name = (*words, name)
+        if examples := EXAMPLES.get(" ".join(full_name)):
             text = "\n  diffbot ".join(("examples:", *examples))
             command.epilog = "\n\n".join(part for part in (textwrap.fill(command.epilog or "", 100), text) if part)
             command.description = textwrap.fill(command.description or "", 100)
             command.formatter_class = argparse.RawDescriptionHelpFormatter
-        _add_examples(command, here)
+        _add_examples(command, full_name)
 
 
 def _complete(parser: argparse.ArgumentParser) -> None:
@@ -158,7 +158,7 @@ def _further_commands() -> Iterator[Callable[[Any], None]]:
     for one in entry_points_by_name(COMMANDS).values():
         try:
             yield one.load()
-        except Exception as error:  # an import can raise anything; the other commands work
+        except Exception as error:  # an import can raise anything; the other commands still work
             cause = " ".join(f"{type(error).__name__}: {error}".split())
             print(f"diffbot: the command {one.name} is missing: cannot import {one.value} ({cause})", file=sys.stderr)
 
@@ -187,7 +187,7 @@ def _add_replay(commands: Any) -> None:
         "bag", type=Path, nargs="+", help="folder of a bag, or an .mcap file; several bags are merged by time"
     )
     add_flags(replay, ReplayConfig, without=("uri", "bags"))
-    replay.add_argument("--ros-args", dest="ros_args", nargs=argparse.REMAINDER, default=[], help="remappings ...")
+    replay.add_argument("--ros-args", dest="ros_args", nargs=argparse.REMAINDER, default=[], help="remappings")
     replay.set_defaults(call=_replay)
 
 
@@ -196,7 +196,7 @@ def _add_refilter(commands: Any) -> None:
     refilter.add_argument("bag", type=Path, help="folder of the bag, or an .mcap file")
     refilter.add_argument("--params", type=Path, help="ROS parameter file (default: ekf.yaml in the folder of the bag)")
     refilter.add_argument("--out", type=Path, required=True, help="folder of the new bag, which must not exist")
-    refilter.add_argument("--compare", metavar="TOPIC", help="true poses in the bag, e.g. /ground_truth")
+    refilter.add_argument("--compare", metavar="TOPIC", help="print the errors against the true poses of this topic")
     _add_remap(refilter)
     refilter.set_defaults(call=_refilter)
 
@@ -211,7 +211,7 @@ def _add_calibrate(commands: Any) -> None:
         "--out", type=Path, default=Path("calibrated.yaml"), help="parameter file to write (default: %(default)s)"
     )
     calibrate.add_argument(
-        "--until", type=duration, default=math.inf, metavar="SECONDS", help="use only the beginning of each drive"
+        "--until", type=duration, default=math.inf, metavar="SECONDS", help="use only the first SECONDS of each drive"
     )
     _add_remap(calibrate)
     calibrate.set_defaults(call=_calibrate)
@@ -219,7 +219,12 @@ def _add_calibrate(commands: Any) -> None:
 
 def _add_remap(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--remap", type=_remapping, nargs="+", default=[], metavar="NAME:=TOPIC", help="e.g. odom:=/robot1/odom"
+        "--remap",
+        type=_remapping,
+        nargs="+",
+        default=[],
+        metavar="NAME:=TOPIC",
+        help="topic in the bag for an input of the ekf, e.g. odom:=/robot1/odom",
     )
 
 
@@ -228,7 +233,7 @@ def _remapping(text: str) -> tuple[str, str]:
 
     name, found, topic = text.partition(":=")
     if not found or not topic or name.lstrip("/") not in INPUTS:
-        raise argparse.ArgumentTypeError(f"{text!r}: must be NAME:=TOPIC, and NAME one of {', '.join(INPUTS)}")
+        raise argparse.ArgumentTypeError(f"{text!r}: must be NAME:=TOPIC with NAME one of {', '.join(INPUTS)}")
     return name.lstrip("/"), topic
 
 

@@ -45,11 +45,11 @@ RECORDED_TOPICS = (
     "pose",
 )
 _DEPTH = 1000
-"""number of messages that a publisher keeps for a delayed recorder; a drive has fewer messages of one topic"""
+"""number of messages that a publisher keeps for a delayed recorder; no topic of the demonstration has more"""
 _READY_TIMEOUT = 150.0
 """[s] time for all nodes to start; a busy computer is slow, and a node that ends is detected at once"""
 _QUIET = 0.5
-"""[s] time for which the graph must be complete: publisher and subscriber discover each other at different times"""
+"""[s] time for which the graph must be complete, since a publisher and its subscriber discover each other separately"""
 _PAUSE_TIMEOUT = 30.0
 """[s] time for the plant to answer"""
 _BAR = "{desc:<28}{percentage:3.0f}%|{bar}| {elapsed}"
@@ -85,7 +85,7 @@ class DemoOptions(NamedTuple):
 
     @property
     def tolerance(self) -> GoalTolerance:
-        """Tolerances of the preset, which the true poses must meet when the goals are answered."""
+        """Tolerances of the preset. The true pose must be within them when a goal is answered."""
         tolerance: GoalTolerance = PRESETS[self.preset].config.tolerance
         return tolerance
 
@@ -152,7 +152,7 @@ def make_room_for_bag(bag: Path, overwrite: bool) -> None:
 
 @contextlib.contextmanager
 def _goal_client(domain: int) -> Iterator[Any]:
-    """Yield a goal client on the domain, and close it within a bounded time."""
+    """Yield a goal client on the domain. Closing the client takes a bounded time."""
     os.environ.update(graph_environment(domain))
     # The middleware reads the environment when it is imported, and the command line must start without ROS.
     client = import_module("diffbot_control.ros.goals.client").GoalClient.in_own_context(node_name="demo")
@@ -188,7 +188,7 @@ class _Graph:
     """The goal client and the nodes of the demonstration."""
 
     def __init__(self, client: Any, nodes: NodeProcesses) -> None:
-        """Prepare to pause the plant."""
+        """Create the client of the service that pauses the plant."""
         self._client, self._nodes = client, nodes
         self._pause_type = import_module("std_srvs.srv").SetBool
         self._pause = client.create_client(self._pause_type, "plant/pause")
@@ -203,14 +203,14 @@ class _Graph:
             raise DiffbotError(failure)
 
     def _wait_until(self, condition: Callable[[], Any], timeout: float) -> bool:
-        def is_over() -> bool:
+        def check() -> bool:
             self.check_nodes()
             return bool(condition())
 
-        return bool(self._client.spin_until(is_over, timeout))
+        return bool(self._client.spin_until(check, timeout))
 
     def pause(self, paused: bool) -> None:
-        """Pause the plant, or let it run.
+        """Pause or resume the plant.
 
         Raises:
             DiffbotError: if a node ends, or the plant does not answer.
@@ -225,7 +225,7 @@ class _Graph:
         The first goal is sent before the plant's first step, so that a lock-step run is repeatable up to its answer.
 
         Raises:
-            DiffbotError: if a node ends, or the graph is not ready in time.
+            DiffbotError: if a node ends, or the graph is not ready after _READY_TIMEOUT.
         """
         with tqdm(total=100.0, desc="starting", bar_format=_BAR, disable=None) as bar:
             self._wait_until_ready()

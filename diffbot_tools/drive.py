@@ -1,4 +1,4 @@
-"""The commands ``diffbot goal``, ``dock`` and ``undock``: send a goal, show a progress bar, report how it ended."""
+"""The commands ``diffbot goal``, ``dock`` and ``undock``: send a goal, show the progress, report the result."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ ENDS = {
 """Exit status for each end of a goal. 1 is also the status of any other error, 2 of wrong usage."""
 TIMED_OUT, INTERRUPTED = 8, 130
 DISCOVERY_TIMEOUT = 120.0
-"""[s] time for a controller to answer, which may just be starting on a slow computer"""
+"""[s] longest time to wait for a controller, which may still be starting on a slow computer"""
 _REPORT_PERIOD = 3.0
 """[s] time without a controller after which the command reports that it is waiting"""
 MAX_DOMAIN = 232
 """largest ROS_DOMAIN_ID"""
 _CANCEL_TIMEOUT, _LAST_TIMEOUT = 5.0, 1.0
-"""[s] time for a cancellation, and for the cancellation of a goal that the controller has not accepted"""
+"""[s] longest time for a cancellation, and for the cancellation of a goal that the controller has not accepted"""
 _DISTANCE = 0.7
 """[m] distance of the staging pose from the docked pose, the default of the docking law"""
 _NEGATIVE = re.compile(r"-(\d+|\d*\.\d+)(deg)?")
@@ -57,7 +57,7 @@ class GoalOptions(NamedTuple):
     timeout: float = math.inf
     """[s] time from the acceptance until the goal is cancelled"""
     restart_timeout: float = goal_record.RESTART_TIMEOUT
-    """[s] time without a sign of life after which the controller counts as gone"""
+    """[s] grace period before a controller that has disappeared counts as gone"""
     wait: bool = True
     """wait for the end of the goal"""
     prefix: str = ""
@@ -78,7 +78,7 @@ def add_drive(commands: Any) -> None:
 def _add_goal(commands: Any) -> argparse.ArgumentParser:
     goal: argparse.ArgumentParser = commands.add_parser(
         "goal",
-        help="drive to a goal pose and report how it ended",
+        help="drive to a goal pose and report the result",
         epilog="exit status: 0 reached (or accepted, with --no-wait), 1 error or refused, 2 usage, 3 not reached, "
         "4 replaced by another goal, 5 cancelled by another client, 6 pose lost, 7 controller gone or restarted, "
         "8 timeout, 130 interrupted",
@@ -98,15 +98,15 @@ def _add_goal(commands: Any) -> argparse.ArgumentParser:
         type=duration,
         default=goal_record.RESTART_TIMEOUT,
         metavar="S",
-        help="time without a sign of life after which a controller counts as gone [s] (default: %(default)g)",
+        help="grace period before a controller that has disappeared counts as gone [s] (default: %(default)g)",
     )
     goal.set_defaults(call=_goal)
     return goal
 
 
 def _add_docking(commands: Any) -> tuple[argparse.ArgumentParser, argparse.ArgumentParser]:
-    epilog = "The exit status is the same as of diffbot goal."
-    dock = commands.add_parser("dock", help="drive into a detected dock, and report how it ended", epilog=epilog)
+    epilog = "The exit status is the same as for diffbot goal."
+    dock = commands.add_parser("dock", help="drive into a detected dock and report the result", epilog=epilog)
     dock.add_argument(
         "pose",
         nargs="*",
@@ -126,7 +126,9 @@ def _add_docking(commands: Any) -> tuple[argparse.ArgumentParser, argparse.Argum
             metavar="M",
             help="distance of the staging pose from the dock [m] (default: %(default)g)",
         )
-        command.add_argument("--backward", action="store_true", help="the robot docks with its back (dock_backward)")
+        command.add_argument(
+            "--backward", action="store_true", help="the robot docks backwards, as with the parameter dock_backward"
+        )
         command.add_argument(
             "--docking-controller",
             default="dock_controller",
@@ -171,13 +173,13 @@ def drive(options: GoalOptions) -> int:
     """Drive to the goal; return the exit status.
 
     Raises:
-        DiffbotError: in one line, if no controller is found, or the controller refuses the goal.
+        DiffbotError: if no controller is found, or the controller refuses the goal.
     """
     if not options.controller:
         raise InvalidValueError("--controller", options.controller, "the name of a node")
-    # By name: the command line must start without ROS.
+    # Imported by name, since the command line must start without ROS.
     client_type = importlib.import_module("diffbot_control.ros.goals.client").GoalClient
-    # A signal must not interrupt a call of ROS, since the goal has to be cancelled first.
+    # A signal must not end the process before the goal is cancelled, nor interrupt a call of ROS.
     signals: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda received, _frame: signals.append(received))
@@ -211,15 +213,15 @@ def _send(client: Any, options: GoalOptions) -> None:
     while (left := deadline - time.monotonic()) > 0.0 and not client.wait_until_ready(min(_REPORT_PERIOD, left)):
         if client.is_stopped():
             break
-        for line in _reasons_for_waiting(client.seen_controllers(), options):
+        for line in _waiting_lines(client.seen_controllers(), options):
             if line not in shown:
                 print(line, file=sys.stderr, flush=True)
             shown.add(line)
     client.send_goal([options.pose], timeout=max(deadline - time.monotonic(), 0.0))
 
 
-def _reasons_for_waiting(controllers: list[str], options: GoalOptions) -> list[str]:
-    """Return lines that name the awaited controller, and other controllers and domains with how to reach them."""
+def _waiting_lines(controllers: list[str], options: GoalOptions) -> list[str]:
+    """Return lines for the user about the awaited controller, other controllers and other domains."""
     own = os.environ.get("ROS_DOMAIN_ID") or "0"
     awaited = "/" + f"{options.namespace.strip('/')}/{options.controller}".lstrip("/")
     lines = [f"waiting for the controller {awaited} on ROS_DOMAIN_ID {own} ..."]

@@ -75,9 +75,9 @@ class Consistency(NamedTuple):
 
 
 def poses_at(stamps: NDArray[np.int64], trajectory: Trajectory) -> Array:
-    """Return the poses (n, 3) of a trajectory at these times [ns], by linear interpolation.
+    """Return the poses (n, 3) of a trajectory at ``stamps`` [ns], by linear interpolation.
 
-    The poses are nan before and after the trajectory, and in gaps longer than MAX_GAP.
+    A pose is nan before and after the trajectory, and in a gap longer than MAX_GAP.
     """
     times, poses = trajectory
     found = np.full((len(stamps), 3), np.nan)
@@ -128,12 +128,14 @@ def errors_at(stamps: NDArray[np.int64], poses: Array, P: Array, truth: Trajecto
         truth: at least two true poses.
 
     Raises:
-        DiffbotError: if all estimates are outside the time of the true poses.
+        DiffbotError: if no estimate has a stamp with a true pose.
     """
     expected = poses_at(stamps, truth)
     use = np.isfinite(expected[:, :2]).all(axis=1)
     if not use.any():
-        raise DiffbotError("all estimates are outside the time of the true poses")
+        raise DiffbotError(
+            f"no estimate has a stamp between two true poses that are at most {MAX_GAP * S_PER_NS:g} s apart"
+        )
     error = poses[use] - expected[use]
     error[:, 2] -= TWO_PI * np.round(error[:, 2] / TWO_PI)
     return Errors((stamps[use] - stamps[0]) * S_PER_NS, expected[use], error, P[use])

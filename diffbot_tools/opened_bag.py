@@ -1,4 +1,4 @@
-"""Opening of a bag by a command, with its warnings."""
+"""Open a bag for a command, and print its warnings."""
 
 from __future__ import annotations
 

@@ -31,10 +31,10 @@ def read_config(path: Path) -> EkfNodeConfig:
 
 
 def values_of(values: Mapping[str, Any], config_type: type[Any]) -> dict[str, Any]:
-    """Return the parameters of one node among ``values``: a section for all nodes has parameters of other nodes, too.
+    """Return the parameters of one node among ``values``, which may contain parameters of other nodes.
 
     Raises:
-        InvalidValueError: for a name that no node knows.
+        InvalidValueError: if no node has a parameter of this name.
     """
     types = config_type, ControllerNodeConfig, EkfNodeConfig, PlantNodeConfig
     own, *others = ({one.name for one in parameters_of(kind)} for kind in types)

@@ -128,7 +128,7 @@ def _ignored_signals() -> Iterator[None]:
 class NodeProcesses:
     """The processes of one graph; leaving the ``with`` block stops them, the newest first.
 
-    If this process is killed, or the thread that started the processes ends, they get SIGTERM.
+    If this process is killed, or the thread that started the nodes ends, the nodes get SIGTERM.
     """
 
     def __init__(self, domain: int, folder: Path, namespace: str = "") -> None:
@@ -161,7 +161,7 @@ class NodeProcesses:
         return process
 
     def failed(self) -> str:
-        """Return one line about a node that has ended on its own; empty if all nodes are running."""
+        """Return one line about a node that has ended by itself; empty if all nodes are running."""
         for name, process in self._running.items():
             if process.poll() is not None:
                 return f"{name} ended with status {process.returncode}: {self.last_log_line(name)}"

@@ -1,6 +1,6 @@
 """The command ``diffbot refilter``: run the filter over a bag, and write estimates and innovations into a new bag.
 
-No node runs. The output is equal to the bit in each run.
+No node runs. Equal inputs give equal outputs, to the bit.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ INPUTS = {
     "odom": ODOMETRY,
     "joint_states": "sensor_msgs/msg/JointState",
 }
-"""Topics that the filter reads, by the names in the node, and their types."""
+"""Type of each topic that the filter reads, by the name that the node gives the topic."""
 
 
 class Answer(NamedTuple):
@@ -86,7 +86,7 @@ def run(bag: Path, params: Path | None, out: Path, compare: str | None, remap: d
         params: ROS parameter file; None: ``ekf.yaml`` in the folder of the bag.
         out: folder of the new bag.
         compare: topic of true poses in ``bag``; None: print no errors.
-        remap: topic in the bag, by the name in INPUTS, where the names differ.
+        remap: topic in the bag by its name in INPUTS, for topics whose names differ.
 
     Raises:
         DiffbotError: if a file or topic is missing, a parameter is not allowed, or ``out`` already exists.
@@ -122,7 +122,7 @@ def parameter_file_of(bag: Path, params: Path | None) -> Path:
     """Return the parameter file for a bag: ``params``, or by default ``ekf.yaml`` in the folder of the bag.
 
     Raises:
-        DiffbotError: if there is no bag or no parameter file.
+        DiffbotError: if the bag or the parameter file does not exist.
     """
     bag = bag.expanduser()
     if not bag.exists():
@@ -162,7 +162,7 @@ def topics_of(reader: BagReader, config: EkfNodeConfig, remap: dict[str, str]) -
 
 
 class RecordingLocalization(Localization):
-    """A localization that keeps the innovation of each measurement; a measurement that is fused again is kept once."""
+    """A localization that stores the innovation of each measurement, once even if the measurement is fused again."""
 
     def __init__(self, config: EkfNodeConfig) -> None:
         """Start without a pose."""
@@ -240,8 +240,8 @@ class FilterRun:
 class _Output:
     """Writer of pose and odometry/filtered, as the node ``ekf`` publishes them, and of the NIS of each measurement.
 
-    The publish time of a message of ``/ekf/nis`` is the stamp of the measurement. The log time is the log time of the
-    next odometry message, which fuses the measurement.
+    The publish time of a message of ``/ekf/nis`` is the stamp of the measurement. Its log time is the log time of the
+    odometry message at which the filter fuses the measurement.
     """
 
     def __init__(self, writer: BagWriter, config: EkfNodeConfig) -> None:
@@ -279,7 +279,7 @@ def _filter_bag(filtered: FilterRun, reader: BagReader, output: _Output) -> list
     """Process all messages in the order of their log times; return the estimates.
 
     Raises:
-        DiffbotError: if the messages do not start the filter.
+        DiffbotError: if the filter gives no estimate.
     """
     estimates, total = [], sum(reader.topics[topic].message_count for topic in filtered.topics)
     messages = reader.decoded(filtered.topics)

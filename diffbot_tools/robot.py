@@ -1,4 +1,4 @@
-"""The configurations of a robot's nodes, read from its parameter file. Free of ROS."""
+"""The configurations of a robot's nodes, read from its parameter file, without ROS."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from diffbot_tools.robot_description import PRESETS, RobotDescription, file_of_r
 
 NODES = "controller", "ekf", "plant"
 Values = dict[str, dict[str, Any]]
-"""Parameters of each node, by the names of the nodes."""
+"""Parameters of each node, by the name of the node."""
 
 
 class RobotConfig(NamedTuple):
@@ -36,7 +36,7 @@ class RobotConfig(NamedTuple):
     ekf: EkfNodeConfig
     plant: PlantNodeConfig
     given: Values
-    """parameters in the file; for the controller including parameters of other laws"""
+    """parameters of each node in the file; for the controller also those of laws that it does not run"""
 
     def __repr__(self) -> str:
         """Return the name and the most important values in one line."""
@@ -64,7 +64,7 @@ class RobotConfig(NamedTuple):
     def parts(
         self, seed: int = 1, start: StartPose | None = None
     ) -> tuple[WorldConfig, LocalizationConfig, SupervisorConfig, type[Law]]:
-        """Return the arguments of a simulation with this ``seed``, by default from the start pose of the plant."""
+        """Return the arguments of a simulation; ``start`` is by default the start pose of the plant."""
         world = self.plant.world._replace(seed=seed)
         world = world if start is None else world._replace(start=start)
         return world, self.ekf.localization, self.controller.supervisor, self.law
@@ -78,7 +78,7 @@ def read_robot(source: str | PathLike[str] | RobotDescription) -> RobotConfig:
     """Return the robot that a parameter file, the name of a preset or a description describes.
 
     Raises:
-        DiffbotError: in one line, if the file, the preset or a section is missing, or a value is not allowed.
+        DiffbotError: if the file, the preset or a section is missing, or a value is not allowed.
     """
     if isinstance(source, RobotDescription):
         return _of_description(source, "robot")
@@ -101,7 +101,7 @@ def _of_description(description: RobotDescription, name: str) -> RobotConfig:
 
 
 def make_robot(name: str, values: Values) -> RobotConfig:
-    """Return the robot with these parameters; parameters of other nodes are ignored, as the nodes do.
+    """Return the robot with these parameters. As in the nodes, parameters of other nodes are ignored.
 
     Raises:
         DiffbotError: if a value is not allowed, or no node knows a name.

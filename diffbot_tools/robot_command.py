@@ -20,16 +20,18 @@ def add_robot(commands: Any) -> None:
     """Add ``diffbot robot`` to the subparsers of the command line."""
     robot = commands.add_parser("robot", help="describe your own robot, check it, drive it in the simulation")
     verbs = robot.add_subparsers(required=True, metavar="VERB")
-    new = verbs.add_parser("new", help="write the parameter file of a robot; ask for values that are not given")
+    new = verbs.add_parser("new", help="write the parameter file of a robot; ask for the values that are not given")
     new.add_argument("out", type=Path, metavar="FILE", help="parameter file to write, which must not exist")
     new.add_argument("--like", choices=tuple(PRESETS), help="use the values of this robot instead of asking")
     add_flags(new, RobotDescription)
     new.set_defaults(call=_new)
     check = verbs.add_parser(
         "check",
-        help="report what is missing, contradictory, slow or not reached; status 0 if nothing is, or it is only slow",
+        help="check a description by simulated drives; status 1 if it is incomplete or contradictory, or misses a goal",
     )
-    drive = verbs.add_parser("drive", help="drive to random goals, far and near; status 3 if a goal is not reached")
+    drive = verbs.add_parser(
+        "drive", help="simulate drives to random goals, far and near; status 3 if a goal is not reached"
+    )
     for one in (check, drive):
         one.add_argument("robot", help=f"parameter file, or one of {', '.join(PRESETS)}")
     drive.add_argument("--goals", type=whole(1, 10_000), default=20, help="number of goals (default: %(default)s)")

@@ -1,4 +1,4 @@
-"""The description of a robot and its parameter file. Imports nothing heavy, since every start of the command does."""
+"""The description of a robot and its parameter file. Every command imports this module, so it imports nothing heavy."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ _TEMPLATE = """\
     wheel_separation: {wheel_separation} # [m], between the middles of the tyres
     linear.x.max_velocity: {linear.x.max_velocity} # [m/s]; for the first drives, half of the possible speed
     angular.z.max_velocity: {angular.z.max_velocity} # [rad/s]
-    wheel.max_velocity: {max_wheel} # [rad/s] of each wheel
+    wheel.max_velocity: {max_wheel} # [rad/s], of each wheel
     linear.x.max_acceleration: {linear.x.max_acceleration} # [m/s^2]
     angular.z.max_acceleration: {angular.z.max_acceleration} # [rad/s^2]
-    command_latency: {command_latency} # [s], from a pose's stamp to the motion that it causes
+    command_latency: {command_latency} # [s], from a pose's stamp to the motion that its command causes
     drive_time_constant: {drive_time_constant} # [s]
 /**/controller:
   ros__parameters:
@@ -43,19 +43,19 @@ _TEMPLATE = """\
     odometry_noise: motion # ignore the covariance of odom, which is often missing or arbitrary
     global_pose_sigma_xy: {global_pose_sigma_xy} # [m], for a global_pose without covariance
     global_pose_sigma_yaw: {global_pose_sigma_yaw} # [rad]
-    use_gyro: {use_gyro} # of the topic imu
+    use_gyro: {use_gyro} # true: use the gyro on the topic imu
 /**/plant: # the simulated robot; a real one does not read this section
   ros__parameters:
     initial_pose.x: 0.0 # [m]
     initial_pose.y: 0.0 # [m]
     initial_pose.yaw: 0.0 # [rad]
     sampling_time: {period} # [s], the period of odom
-    fix_rate: {fix_rate} # [Hz] of global_pose
+    fix_rate: {fix_rate} # [Hz], rate of global_pose
     fix_delay: {fix_delay} # [s], age of a global_pose when it arrives
     eps_xy_max: {eps_xy} # [m], 1.73 times the standard deviation
     eps_theta_max: {eps_yaw} # [rad]
-    fix_noise_correlation: {correlation} # of the errors of two consecutive poses
-    gyro_rate: {gyro_rate} # [Hz] of imu
+    fix_noise_correlation: {correlation} # correlation of the errors of two consecutive poses
+    gyro_rate: {gyro_rate} # [Hz], rate of imu
     slip_noise: {slip_noise} # share of the wheels' motion that is lost by slip, 1.25 times the typical share
     left_radius_error: 0.01 # the real wheels differ from the data sheet
     separation_error: -0.01
@@ -102,14 +102,14 @@ class RobotDescription(NamedTuple):
     pose_correlation: Annotated[
         float, Spec("correlation time of the errors of global_pose; 0: independent errors", "s", 0.0, 1000.0)
     ] = 0.0
-    xy_goal_tolerance: Annotated[float, Spec("distance from the goal that counts as reached", "m", *LENGTH)] = 0.1
-    yaw_goal_tolerance: Annotated[float, Spec("heading error that counts as reached", "rad", *ANGLE)] = 0.1
+    xy_goal_tolerance: Annotated[float, Spec("largest distance from a reached goal", "m", *LENGTH)] = 0.1
+    yaw_goal_tolerance: Annotated[float, Spec("largest heading error at a reached goal", "rad", *ANGLE)] = 0.1
 
     def check(self) -> None:
-        """Check that the rate of global_pose does not exceed the rate of odom, which the plant cannot simulate.
+        """Check that ``fix_rate`` is at most ``odometry_rate``: the plant measures at most one global_pose per step.
 
         Raises:
-            InvalidValueError: if it does.
+            InvalidValueError: if ``fix_rate`` is larger.
         """
         if self.fix_rate > self.odometry_rate:
             raise InvalidValueError("fix_rate", self.fix_rate, f"<= odometry_rate, {self.odometry_rate:g}")

@@ -26,14 +26,14 @@ GOALS = {
 }
 """Goals [m, m, rad] of the trial drives, in the frame of the robot at its start."""
 _RESTING_TIME, _SLOW = 60.0, 5.0
-"""[s] duration of the simulation at rest, and longest time until the pose is certain that is not reported as slow"""
+"""[s] duration of the simulation at rest, and time after which a pose that is still uncertain is reported as slow"""
 _ALIKE = 1.5
-"""Two values of a standard deviation agree if their ratio is not larger."""
+"""Largest ratio of two standard deviations that do not contradict each other."""
 _FACTORS = tuple(1.2**number for number in range(1, 9))
 """Multiples of the smallest possible tolerance that are tried."""
 FAR, SHORT = "far", "short"
 _FAR_TIME, _SHORT_TOLERANCES = (2.0, 12.0), (1.0, 5.0)
-"""distance of a far goal in [s] at full speed, and of a short goal in tolerances"""
+"""range of distances: for far goals in seconds at full speed, for short goals in multiples of the tolerance"""
 _DRAWN = 12
 """largest number of drives in the picture"""
 
@@ -71,7 +71,7 @@ def missing(robot: RobotConfig) -> Iterator[str]:
         if name not in robot.given["ekf"] and robot.plant.world.sensors.fix_rate > 0.0:
             yield f"{name} of the ekf: a global_pose without covariance is dropped"
     if not any(name.startswith(("eps_", "fix_", "landmark_")) for name in robot.given["plant"]):
-        yield "sensors of the plant: by default the paper's, whose poses are wrong by up to 0.3 m"
+        yield "sensors of the plant: the defaults are the paper's sensors, whose poses are wrong by up to 0.3 m"
 
 
 def contradictions(robot: RobotConfig) -> Iterator[str]:
@@ -135,7 +135,7 @@ def trial_drives(robot: RobotConfig) -> Iterator[tuple[str, Drive]]:
 
 
 def wider_tolerances(robot: RobotConfig, uncertainty: Uncertainty) -> str:
-    """Return a text with wider tolerances that let all trial drives reach their goals, as small as possible."""
+    """Return a text with the smallest tried tolerances at which every trial drive reaches its goal."""
     given = robot.tolerance.xy_goal_tolerance, robot.tolerance.yaw_goal_tolerance
     names = "xy_goal_tolerance", "yaw_goal_tolerance"
     smallest = smallest_tolerance(robot.tolerance, uncertainty)
@@ -144,7 +144,7 @@ def wider_tolerances(robot: RobotConfig, uncertainty: Uncertainty) -> str:
         changed = make_robot(robot.name, robot.given | {"controller": robot.given["controller"] | wider})
         if all(drive.is_reached for _, drive in trial_drives(changed)):
             lines = [f"{name}: {wider[name]:g}" for name, old in zip(names, given, strict=True) if wider[name] > old]
-            return f"{' and '.join(lines)} would do"
+            return f"set {' and '.join(lines)}"
     return "wider tolerances would not help"
 
 
@@ -155,7 +155,7 @@ def _up(value: float) -> float:
 
 
 def trials(robot: RobotConfig, goals: int, seed: int) -> Iterator[tuple[str, Drive]]:
-    """Yield kind and drive for each of ``goals`` random goals, FAR and SHORT in turn; ``seed`` sets the noise."""
+    """Yield kind and drive for each of ``goals`` random goals, FAR and SHORT in turn; ``seed`` sets goals and noise."""
     generator, simulation = np.random.default_rng(seed), robot.simulation(seed)
     units = {FAR: min(robot.data_sheet.v_max, 10.0), SHORT: robot.tolerance.xy_goal_tolerance}
     for number in range(goals):
@@ -185,8 +185,10 @@ def summary(robot: RobotConfig, found: list[tuple[str, Drive]]) -> str:
             f"{np.median(xy):>19.3f}{max(xy):>9.3f}{math.degrees(max(theta)):>16.1f}"
         )
     within = f"{tolerance.xy_goal_tolerance:g} m and {tolerance.yaw_goal_tolerance:g} rad"
-    lines.append(f"falsely: reached, but the true pose is not within {within} of the goal")
-    lines.append("ideal: turn, drive straight, turn, each as fast as the data sheet allows (median of the ratios)")
+    lines.append(f"falsely: reported as reached, but the true pose is not within {within} of the goal")
+    lines.append(
+        "of the ideal: median ratio to the time to turn, drive straight and turn, as fast as the data sheet allows"
+    )
     missed = [one for _, one in found if not one.is_reached]
     return "\n".join([*lines, *(f"{one.end} after {one.duration:.0f} s: {one.reason}" for one in missed[:5])])
 
@@ -234,7 +236,7 @@ def save_picture(found: list[tuple[str, Drive]], path: Path) -> None:
 
 
 def draw_drives(figure: Any, drives: Sequence[Drive]) -> None:
-    """Draw true and estimated paths with their goals, and the true distance from each goal over time."""
+    """Draw true and estimated paths with their goals, and the true distance to the goal over time."""
     from diffbot_tools.plotting import BLUE, GREEN, RED  # noqa: PLC0415 - takes a second to load
 
     path_axes, error_axes = figure.subplots(1, 2)

@@ -44,7 +44,7 @@ def add_run(commands: Any) -> None:
     """Add ``diffbot run`` to the subparsers of the command line."""
     run = commands.add_parser(
         "run",
-        help="run one node, or several nodes in one process, as ros2 run does",
+        help="run one node as ros2 run does, or several nodes in one process",
         description="Run nodes in this process until a signal, or until one of them ends.",
     )
     run.add_argument("node", choices=sorted(NODES))
@@ -80,11 +80,11 @@ def run_nodes(names: list[str], ros_args: list[str]) -> int:
                 "--with", " ".join(names[1:]), sentence=f"each node may appear only once; {member} appears twice"
             )
     if any(word.endswith("clock:=lockstep") for word in ros_args):
-        # In lock-step a lost message would stop the graph, and the stamp of each command names its step.
+        # In lock-step, a lost message would stop the graph, and a command must have the stamp of its step.
         given = [value for value, nodes in _LOCKSTEP.items() if nodes.intersection(members)]
         ros_args = [*(word for one in given for word in ("-p", one)), *ros_args]
     end_on_signals(0)
-    # By name, here and below: the command line must start without ROS and heavy libraries.
+    # Imported by name, here and below, since the command line must start without ROS and heavy libraries.
     if "controller" in members:
         importlib.import_module("diffbot_tools.bringup").check_limits(members, ros_args)
     entries = [entry for name, entry in NODES.items() if name in names]

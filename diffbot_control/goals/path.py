@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from itertools import takewhile
+from typing import TYPE_CHECKING
 
-import numpy as np
-
-from diffbot_control.filter.models import Array
 from diffbot_core.geometry import Pose, wrap_angle
+
+if TYPE_CHECKING:
+    from diffbot_control.filter.models import Array
 
 _MIN_SHARE = 0.05
 """share of the distance to cover before the mean speed so far is meaningful"""
@@ -54,6 +55,8 @@ def directions(poses: Sequence[Pose]) -> Array:
 
     At a corner the direction bisects the angle. Where the path turns back, it is the direction of the next part.
     """
+    import numpy as np  # noqa: PLC0415 - every start of the command line imports this module
+
     points = np.array([(one.x, one.y) for one in poses])
     lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
     before = np.maximum(np.searchsorted(lengths, lengths - _CHORD, side="right") - 1, 0)
@@ -65,6 +68,8 @@ def directions(poses: Sequence[Pose]) -> Array:
 
 
 def _units(vectors: Array) -> Array:
+    import numpy as np  # noqa: PLC0415
+
     lengths = np.hypot(*vectors.T)[:, None]
     units: Array = np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 0.0)
     return units
@@ -89,13 +94,15 @@ def with_headings(poses: list[Pose], are_default: bool) -> list[Pose]:
     if any(abs(wrap_angle(one.theta - common)) > _SAME for one in inner):
         return poses
     found = directions(poses)[:-1]
-    differences = [abs(wrap_angle(angle - common)) for angle in found if np.isfinite(angle)]
+    differences = [abs(wrap_angle(angle - common)) for angle in found if math.isfinite(angle)]
     turns_back = abs(wrap_angle(poses[-1].theta - common)) > _CONTRADICTION
-    is_backwards = not turns_back and all(one >= np.pi - _CONTRADICTION for one in differences)
+    is_backwards = not turns_back and all(one >= math.pi - _CONTRADICTION for one in differences)
     if all(one <= _CONTRADICTION for one in differences) or (is_backwards and not are_default):
         return poses
     followed = [
-        one._replace(theta=float(angle)) if np.isfinite(angle) and abs(wrap_angle(one.theta - common)) <= _SAME else one
+        one._replace(theta=float(angle))
+        if math.isfinite(angle) and abs(wrap_angle(one.theta - common)) <= _SAME
+        else one
         for one, angle in zip(poses, found, strict=False)
     ]
     return [*followed, poses[-1]]

@@ -18,9 +18,6 @@ if TYPE_CHECKING:
     from diffbot_bag.bag import MergedBags
 
 _BAG = "folder of the bag, or an .mcap file"
-_CHECK_HELP = """\
-exit status: 0 if all rules hold, 1 if a rule does not hold, 2 if the bag or the contract cannot be read
-"""
 
 
 def add_bag(commands: Any) -> None:
@@ -32,7 +29,7 @@ def add_bag(commands: Any) -> None:
 
 
 def _add_info(verbs: Any) -> None:
-    info = verbs.add_parser("info", help="files, times and topics, with rates, gaps, losses and latency of stamps")
+    info = verbs.add_parser("info", help="show files, times and topics, with rates, gaps, losses and latencies")
     info.add_argument("bag", type=Path, help=_BAG)
     info.add_argument("--quick", action="store_true", help="read only the index, without figures of topics")
     info.add_argument("--json", action="store_true", help="print JSON (docs/reference/bags.md)")
@@ -52,7 +49,9 @@ def _info(options: argparse.Namespace) -> int:
 
 def _add_check(verbs: Any) -> None:
     check = verbs.add_parser(
-        "check", help="check a bag against a contract: topics, rates, gaps ...", epilog=_CHECK_HELP
+        "check",
+        help="check a bag against a contract: topics, rates, gaps ...",
+        epilog="exit status: 0 if all rules hold, 1 if not, 2 if the bag or the contract cannot be read",
     )
     check.add_argument("bag", type=Path, help=_BAG)
     check.add_argument(
@@ -88,7 +87,7 @@ def _check(options: argparse.Namespace) -> int:
 
 
 def _add_repair(verbs: Any) -> None:
-    repair = verbs.add_parser("repair", help="write the intact messages of a damaged or unfinished bag to a new one")
+    repair = verbs.add_parser("repair", help="write the intact messages of a damaged or unfinished bag to a new bag")
     _add_paths(repair)
     repair.set_defaults(call=_repair)
 
@@ -104,42 +103,42 @@ def _repair(options: argparse.Namespace) -> int:
 
 
 def _add_trim(verbs: Any) -> None:
-    trim = verbs.add_parser("trim", help="write a span of time of a bag to a new one")
+    trim = verbs.add_parser("trim", help="write a span of time of a bag to a new bag")
     _add_paths(trim)
-    trim.add_argument("--from", dest="first", type=parse_time, metavar="TIME", help=f"earliest log time ({FORMS})")
-    trim.add_argument("--to", dest="last", type=parse_time, metavar="TIME", help="log time at which the new bag ends")
+    trim.add_argument("--from", dest="begin", type=parse_time, metavar="TIME", help=f"earliest log time ({FORMS})")
+    trim.add_argument("--to", dest="end", type=parse_time, metavar="TIME", help="log time at which the new bag ends")
     trim.add_argument(
-        "--last", dest="rest", type=parse_duration, metavar="DURATION", help="keep the last part, e.g. 30s"
+        "--last", type=parse_duration, metavar="DURATION", help="duration to keep at the end of the bag, e.g. 30s"
     )
     trim.add_argument(
         "--no-latched",
         dest="latched",
         action="store_false",
-        help="do not begin with the last earlier messages of latched topics",
+        help="do not copy the messages of latched topics from before --from",
     )
     trim.set_defaults(call=_trim, parser=trim)
 
 
 def _trim(options: argparse.Namespace) -> int:
-    first, last = options.first, options.last
-    if options.rest is not None:
-        if first or last:
+    begin_time, end_time = options.begin, options.end
+    if options.last is not None:
+        if begin_time or end_time:
             options.parser.error("--last cannot be combined with --from or --to")
-        first = ("end", -options.rest)
-    elif not first and not last:
+        begin_time = ("end", -options.last)
+    elif not begin_time and not end_time:
         options.parser.error("give at least one of --from, --to and --last")
 
     with _open_bags([options.bag]) as bags:
-        start = resolve_time(first, bags.start, bags.end) if first else bags.start
-        end = resolve_time(last, bags.start, bags.end) if last else bags.end + 1
+        start = resolve_time(begin_time, bags.start, bags.end) if begin_time else bags.start
+        end = resolve_time(end_time, bags.start, bags.end) if end_time else bags.end + 1
         if start >= end or start > bags.end or end <= bags.start:
             span = f"{bags.start * 1e-9:.9f} to {bags.end * 1e-9:.9f} s since 1970"
-            raise DiffbotError(f"--from, --to: must select a part of the bag, which contains {span}")
+            raise DiffbotError(f"--from, --to: must select a part of the bag, which lasts from {span}")
         return _cut(bags, options.out, start=start if start > bags.start else None, end=end, latched=options.latched)
 
 
 def _add_filter(verbs: Any) -> None:
-    select = verbs.add_parser("filter", help="write selected topics of a bag to a new one")
+    select = verbs.add_parser("filter", help="write selected topics of a bag to a new bag")
     _add_paths(select)
     select.add_argument("--topics", nargs="+", default=[], metavar="TOPIC", help="topics to keep")
     select.add_argument("--regex", default="", help="also keep topics whose whole name matches")
@@ -157,7 +156,6 @@ def _filter(options: argparse.Namespace) -> int:
         regex=options.regex,
         exclude_topics=tuple(options.exclude),
         exclude_regex=options.exclude_regex,
-        # Hidden topics are kept like other topics.
         include_hidden_topics=True,
     )
     if selection == TopicSelection(include_hidden_topics=True) and not options.types:
@@ -176,7 +174,7 @@ def _filter(options: argparse.Namespace) -> int:
 
 
 def _add_merge(verbs: Any) -> None:
-    merge = verbs.add_parser("merge", help="write several bags to one, in the order of log time")
+    merge = verbs.add_parser("merge", help="merge several bags into a new bag, in the order of log time")
     merge.add_argument("bags", type=Path, nargs="+", metavar="IN", help="folders of bags, or .mcap files; two or more")
     merge.add_argument("out", type=Path, metavar="OUT", help="folder of the new bag, which must not exist")
     merge.set_defaults(call=_merge, parser=merge)

@@ -1,4 +1,4 @@
-"""Measure the consistency of a filter from a bag, as the share of mean NIS values within their 95 % bounds."""
+"""Measure the consistency of a filter in a bag by the share of mean NIS values within their 95 % bounds."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _WINDOW = 50
 
 
 def nis_shares(reader: BagReader) -> dict[str, float | None]:
-    """Return the share by topic, for all topics whose type may contain a NIS; None if a topic does not contain one.
+    """Return the share for each topic whose type can contain a NIS; None for a topic without NIS.
 
     Raises:
         DiffbotError: if a message cannot be decoded, or a file is damaged.

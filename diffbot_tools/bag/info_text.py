@@ -16,7 +16,7 @@ _LABEL = 19
 """width of the labels of ``ros2 bag info``"""
 _SERVICE_EVENTS = "/_service_event"
 MAX_LISTED = 10
-"""largest number of damaged places and of time jumps that are listed; the others are counted"""
+"""largest number of damaged places and of time jumps that are listed; the rest is counted"""
 
 
 def info_text(info: BagInfo) -> str:
@@ -74,7 +74,7 @@ def _jumps(info: BagInfo) -> list[str]:
         for before, after in info.jumps[:MAX_LISTED]
     ]
     if more := len(info.jumps) - len(lines):
-        lines.append(f"{more} more times longer than 60 s without messages")
+        lines.append(f"and {more} more gaps longer than 60 s")
     return _listed("Time jump", lines) if lines else []
 
 
@@ -129,7 +129,7 @@ def _table(rows: Sequence[tuple[str, ...]]) -> list[str]:
 
 
 def repair_text(out: Path, repaired: Repaired) -> str:
-    """Describe in lines of text what was saved in the bag ``out``, and what is lost."""
+    """Return lines about the messages that were saved in the bag ``out``, and about the losses."""
     bag = repaired.metadata
     topics = sum(topic.message_count > 0 for topic in bag.topics)
     lines = [f"{shown(out)}: {bag.message_count} messages of {topics} topics in {bag.duration * 1e-9:.3f} s"]

@@ -17,10 +17,10 @@ RelativeTime = tuple[str, int]
 
 
 def parse_duration(text: str) -> int:
-    """Parse a duration and return it in [ns]. Without a unit, it is in seconds.
+    """Parse a duration and return it in [ns]; a number without a unit is in seconds.
 
     Raises:
-        ArgumentTypeError: if it is not a duration.
+        ArgumentTypeError: if the text is not a duration.
     """
     number = _DURATION.fullmatch(text.strip())
     if not number:
@@ -35,7 +35,7 @@ def parse_time(text: str) -> RelativeTime:
     """Parse a time. A number with a unit counts from the start of the bag, a number without a unit from 1970.
 
     Raises:
-        ArgumentTypeError: if it is not a time.
+        ArgumentTypeError: if the text is not a time.
     """
     origin, sign, rest = "start" if text.strip()[-1:].isalpha() else "epoch", "", text
     if relative := _RELATIVE.fullmatch(text.strip()):
@@ -47,7 +47,7 @@ def parse_time(text: str) -> RelativeTime:
 
 
 def resolve_time(time: RelativeTime, start: int, end: int) -> int:
-    """Return the log time [ns] for a bag whose first and last log times are ``start`` and ``end`` [ns]."""
+    """Return the absolute time [ns] in a bag whose first and last log times are ``start`` and ``end`` [ns]."""
     origin, offset = time
     # The end of a bag is just after its last message.
     return offset + {"start": start, "end": end + 1, "epoch": 0}[origin]

@@ -27,13 +27,13 @@ def add_check(commands: Any) -> None:
         "--duration", type=duration, default=10.0, metavar="S", help="duration of the check [s] (default: %(default)g)"
     )
     check.add_argument("--json", action="store_true", help="print JSON")
-    check.add_argument("--ros-args", dest="ros_args", nargs=argparse.REMAINDER, default=[], help="remappings ...")
+    check.add_argument("--ros-args", dest="ros_args", nargs=argparse.REMAINDER, default=[], help="remappings")
     check.set_defaults(call=_check)
 
 
 def _check(options: argparse.Namespace) -> int:
     values = {} if options.file is None else _values_in(options.file)
-    # By name: the command line can be imported without ROS.
+    # Imported by name, since the command line must start without ROS.
     observer_type = importlib.import_module("diffbot_tools.live.ros.observer").Observer
     try:
         observer = observer_type(options.namespace, values, options.ros_args)
@@ -55,7 +55,7 @@ def _check(options: argparse.Namespace) -> int:
 
 
 def _values_in(file: Path) -> dict[str, dict[str, Any]]:
-    """Return the parameters of ekf and controller, as far as a file has sections for them."""
+    """Return the parameters of ekf and controller, if a file has sections for them."""
     from diffbot_control.ros.parameters.ekf import EkfNodeConfig  # noqa: PLC0415 - only the called command is loaded
     from diffbot_tools.parameter_file import values_of  # noqa: PLC0415
 

@@ -1,4 +1,4 @@
-"""The report of ``diffbot check``: for each topic and node, the facts, and what to do. Free of ROS."""
+"""The report of ``diffbot check``: facts about each topic and node, and what to do. Does not import ROS."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from diffbot_core.endpoints import (
 from diffbot_tools.live.streams import COMMANDS, SIMULATED_CLOCK, Stream, Streams
 
 _MAX_AHEAD, _MAX_BEHIND = 0.1, 1.0
-"""[s] largest times by which stamps may be ahead of the clock and behind the clock; no measurement is ahead"""
+"""[s] largest times by which stamps may be ahead of the clock and behind the clock; correct stamps are never ahead"""
 _MAX_REPEATED = 0.2
 """largest share of messages without a later stamp"""
 
@@ -38,7 +38,7 @@ class TopicGraph(NamedTuple):
 
     @property
     def is_latched(self) -> bool:
-        """True if a late subscriber gets the newest message of a publisher."""
+        """True if a publisher sends its newest message to late subscribers."""
         return any(one.is_latched for one in self.publishers)
 
 
@@ -151,8 +151,8 @@ def _command_problems(graph: TopicGraph, streams: Streams, robot: ObservedRobot)
 
 
 def clock_lines(graph: TopicGraph, streams: Streams, robot: ObservedRobot) -> list[Line]:
-    """Return a line for /clock if it is published or its use is at fault; ``graph`` has its publishers."""
-    todo, clocks = too_many_publishers(graph, "own time"), streams.clocks()
+    """Return a line for /clock if it is published or wrongly used; ``graph`` has its publishers."""
+    todo, clocks = too_many_publishers(graph, "publish the time"), streams.clocks()
     inputs = [name for name in (streams.config.odometry_source, *streams.sensors) if name in clocks]
     is_simulated = dict(robot.use_sim_time) | {
         f"the source of {name}": clocks[name] == SIMULATED_CLOCK for name in inputs
@@ -250,7 +250,7 @@ def stream_problems(name: str, stream: Stream, *, is_latched: bool) -> list[str]
             found.append(f"the ekf drops {number} of {count} messages: {stream.drop_texts[kind]}")
     if count > 1 and stream.repeated > _MAX_REPEATED * count:
         found.append(
-            f"{stream.repeated} of {count} messages have no later stamp than the messages before: end the second "
+            f"the stamps of {stream.repeated} of {count} messages are not later than earlier stamps: end the second "
             f"publisher of {name}, or correct the stamps of its driver"
         )
     clock, age = stream.clock()

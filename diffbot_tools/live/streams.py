@@ -1,6 +1,6 @@
-"""Statistics of the messages of a running robot: rates, clocks, frames, covariances and drops. Free of ROS.
+"""Statistics of the messages of a running robot: rates, clocks, frames, covariances and drops. Does not import ROS.
 
-A message is any object with the fields of its type. Messages are read by the code of the ekf: its conversions decide
+A message is any object with the fields of its type. The code of the ekf reads the messages: its conversions decide
 which messages it would drop, and its InputWatch detects faults that no single message shows.
 """
 
@@ -133,9 +133,9 @@ class Streams:
         self._gyro_turns = Agreement()
         """agreement of the turn rates of wheels and gyro"""
         self._speeds, self._turns = Agreement(), Agreement()
-        """agreement of command and odometry"""
-        self._is_moving = False
-        """True after an odometry whose twist showed a motion"""
+        """agreement of commands and odometry"""
+        self._has_driven = False
+        """True after a message of the odometry whose twist shows a motion"""
         self._gyro: float | None = None
         self._command: Twist | None = None
         self._stamp: int | None = None
@@ -152,7 +152,7 @@ class Streams:
     @property
     def has_moved(self) -> bool:
         """True if the odometry has shown a motion, by its twist or its pose."""
-        return self._is_moving or bool(self._watch.odometry.fault())
+        return self._has_driven or bool(self._watch.odometry.fault())
 
     def add(self, name: str, message: Any, arrival: MessageArrival) -> None:
         """Add a message."""
@@ -193,7 +193,7 @@ class Streams:
         dt = 0.0 if self._stamp is None else (step.stamp - self._stamp) * S_PER_NS
         self._stamp = step.stamp
         v, omega = step.twist.v, step.twist.omega
-        self._is_moving = self._is_moving or abs(v) > MIN_SPEED or abs(omega) > MIN_RATE
+        self._has_driven = self._has_driven or abs(v) > MIN_SPEED or abs(omega) > MIN_RATE
         if not 0.0 < dt < _MAX_STEP:
             return
         if self._gyro is not None:
@@ -208,8 +208,8 @@ class Streams:
 
     def command_fault(self) -> str:
         """Return how the odometry contradicts the commands; empty if it does not."""
-        for memory, verb in ((self._turns, "turn"), (self._speeds, "drive")):
-            kind = memory.contradiction()
+        for agreement, verb in ((self._turns, "turn"), (self._speeds, "drive")):
+            kind = agreement.contradiction()
             if kind == "opposed":
                 return (
                     f"the robot {verb}s in the direction opposite to its commands: swap left and right wheel, or the "

@@ -1,1 +1,1 @@
-"""A page to look at a robot: live (``diffbot watch``) and of a recorded bag (``diffbot report``)."""
+"""A page that shows a robot: live (``diffbot watch``) or from a bag (``diffbot report``)."""

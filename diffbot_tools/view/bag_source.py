@@ -1,4 +1,4 @@
-"""Reads a bag into the models of its robots, and stores their results as columns and lists."""
+"""Reads a bag: passes its messages to a model of each robot, and stores the models' results as columns and lists."""
 
 from __future__ import annotations
 
@@ -141,7 +141,7 @@ class BagRobot:
 
     @property
     def has_pose(self) -> bool:
-        """True if the bag has a pose of the robot."""
+        """True if the bag has at least one pose of the robot."""
         return bool({"truth", "estimate", "odometry"} & set(self.curves))
 
     @property
@@ -172,13 +172,14 @@ class BagRobot:
         periods = np.diff(np.unique(self._cloud_times))
         pause = 2.0 * float(np.median(periods)) if len(periods) else 1.0
         parts = [marks[marks[:, 0] == number] for number in shown]
+        # Bridge longer gaps until a report can hold all intervals.
         while sum(len(_visits(part[:, 1], pause)) for part in parts) > 2 * MAX_VISITS:
             pause *= 2.0
         return [[int(part[0, 0]), *part[:, 2:].mean(axis=0).tolist(), _visits(part[:, 1], pause)] for part in parts]
 
 
 class BagRun(NamedTuple):
-    """The contents of a bag that a report shows."""
+    """The contents of a bag for a report."""
 
     title: str
     origin: int
@@ -200,8 +201,8 @@ def read_bag(path: Path, config: SwitchingConfig | None = None, is_from_goal: bo
 
     Args:
         path: folder or .mcap file.
-        config: has the tolerances and limits that are drawn; None for the recorded configuration, else ``tuned``.
-        is_from_goal: put the first goal at time 0, if there is one, instead of the first pose.
+        config: tolerances and limits to draw; None for the recorded parameters, and ``tuned`` for missing ones.
+        is_from_goal: set time 0 at the first goal, if there is one, instead of at the first pose.
 
     Raises:
         DiffbotError: if the bag cannot be read, or has no pose of a robot.
@@ -296,7 +297,7 @@ def robots_in(types: Mapping[str, str]) -> dict[str, Roles]:
 
 
 def _clock_of(reader: BagReader, types: Mapping[str, str], found: Mapping[str, Roles]) -> tuple[int, int]:
-    """Return the first stamp [ns] of a pose, and log time minus stamp [ns] if the two clocks differ, else 0."""
+    """Return the first stamp [ns] of a pose, and the log time minus the stamp [ns]; 0 if both are of one clock."""
     topics = [roles[role] for role in _POSES for roles in found.values() if role in roles]
     first: list[int] = []
     offset = 0
@@ -345,9 +346,10 @@ def _error_curve(estimate: Columns, truth: Columns) -> dict[str, Columns]:
 
 
 def _visits(times: Array, pause: float) -> list[float]:
-    """Return begin and end [s] of each visit.
+    """Return begin and end [s] of each interval in which a landmark is in view, in a flat list.
 
-    A gap longer than ``pause`` separates two visits. A visit ends a pause after its last time.
+    A new interval begins after a gap longer than ``pause`` [s] between the ``times`` [s] of measurements. An interval
+    ends ``pause`` after its last measurement.
     """
     times = np.sort(times)
     gaps = np.flatnonzero(np.diff(times) > pause)

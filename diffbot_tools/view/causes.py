@@ -1,4 +1,4 @@
-"""Finds in the curves why a goal was missed: a topic without messages, a wheel that stood or slipped, wrong fixes."""
+"""Finds in the curves why a goal was missed: a gap in a topic, a wheel that did not turn or slipped, wrong fixes."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ _NEEDED = {
     "docking": "detected dock",
     "command": "command",
 }
-"""Curves that a robot with a goal receives continuously, and the name of one row in words."""
+"""Curves that have rows continuously while the robot drives, and the name of a row in words."""
 _SILENCE, _SILENT_PERIODS = 2.0, 10.0
-"""Shortest gap of a curve that is reported: [s], and as a multiple of the period of the curve."""
+"""A gap of a curve is reported if it is longer than _SILENCE [s] and longer than _SILENT_PERIODS periods."""
 _LAST, _STANDING = 5.0, 0.1
-"""A wheel counts as standing if it turned at less than the share _STANDING of the commanded speed in the last _LAST
-seconds before the end of the goal."""
+"""A wheel did not turn if its mean speed in the last _LAST [s] of the goal was below _STANDING times the commanded
+speed."""
 _SLIP, _GRIP, _TURNING = 1.0, 0.7, 0.2
-"""Shortest slip that is reported [s]. A wheel slips if the true speed of its rim is below the share _GRIP of the
-measured speed, while the measured speed is above the share _TURNING of its maximum."""
+"""A wheel slips while the true speed of its rim is below _GRIP times the measured speed, and the measured speed is
+above _TURNING times its maximum. A slip of more than _SLIP [s] is reported."""
 _MIN_FIXES, _CHANCE = 10, 4.0
-"""Smallest number of fixes for a mean error, and the number of standard deviations of the mean that chance explains."""
+"""Smallest number of fixes for a mean error, and number of standard deviations of the mean that may be chance."""
 
 
 def causes(
@@ -54,10 +54,10 @@ def causes(
     return lines + _fixes(part, config)
 
 
-def _wheel(part: Mapping[str, Columns], side: str, track: float, late: float) -> list[tuple[int, str]]:
-    """Return lines if the wheel at ``track`` [m] slipped, or did not turn as commanded after ``late`` [s]."""
+def _wheel(part: Mapping[str, Columns], side: str, offset: float, late: float) -> list[tuple[int, str]]:
+    """Return lines if a wheel, ``offset`` [m] to the right of the middle, slipped or stood still after ``late`` [s]."""
     rims = {
-        role: (columns["t"], np.abs(columns["v"] + track * columns["omega"]))
+        role: (columns["t"], np.abs(columns["v"] + offset * columns["omega"]))
         for role in ("command", "odometry", "truth")
         if "v" in (columns := part.get(role, {})) and len(columns["t"]) > 1
     }

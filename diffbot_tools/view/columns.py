@@ -10,7 +10,7 @@ Columns = dict[str, Array]
 """Columns of equal length (n,) by name; ``t`` [s] is the time."""
 
 FILTER_COLUMNS = ("nis", "nis_low", "nis_high", "whiteness", "whiteness_bound", "left", "right")
-"""Mean NIS per number and its 95 % bounds, autocorrelation of the first kind of measurement, wheel radius errors."""
+"""Mean NIS per measured number with 95 % bounds, autocorrelation with its bound, errors of both wheel radii."""
 COLUMNS: dict[str, tuple[str, ...]] = {
     "estimate": ("t", "x", "y", "theta", "xx", "xy", "yy", "tt", "xt", "yt"),
     "truth": ("t", "x", "y", "theta", "v", "omega", "tt"),

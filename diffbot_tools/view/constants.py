@@ -14,7 +14,7 @@ from diffbot_core.kinematics import WheelGeometry
 from diffbot_core.schema import build, parameters_of
 
 NEES_BOUNDS = tuple(float(chdtri(3, tail)) for tail in (0.975, 0.025))
-"""95 % bounds of the NEES of a consistent estimate of three numbers."""
+"""95 % bounds of the NEES of a consistent estimate of x, y and theta."""
 
 
 def constants_of(config: SwitchingConfig, wheels: WheelGeometry | None = None) -> dict[str, Any]:
@@ -39,7 +39,7 @@ def recorded_config(parameters: Mapping[str, Any]) -> SwitchingConfig:
         InvalidValueError: if a parameter is out of its bounds.
     """
     own = {one.name: parameters[one.name] for one in parameters_of(SwitchingConfig) if one.name in parameters}
-    # The recorder writes infinity as a text, since JSON has no infinity.
+    # The recorder writes infinity as text, since JSON cannot represent it.
     own = {name: math.inf if value == "inf" else value for name, value in own.items()}
     return build(SwitchingConfig, own)
 

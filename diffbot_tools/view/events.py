@@ -12,7 +12,7 @@ from diffbot_tools.view.goal_list import Goal
 from diffbot_tools.view.texts import ERROR, OK, WARNING, BoundedTable, Status, cut
 
 MAX_NAMES = 1000
-"""Number of nodes and of counters whose last value is kept."""
+"""Largest number of nodes, and of counters, whose last value is kept."""
 _LEVEL_OF_END = {"reached": OK, "cancelled": OK, "replaced": OK}
 _WARNING_LINE, _ERROR_LINE = 30, 40
 """Levels of a rcl_interfaces/Log."""
@@ -39,13 +39,13 @@ def goal_event(goal: Goal, count: int, is_docking: bool = False) -> Event:
 
 
 def end_event(time: float, end: str, reason: str, source: str, subject: str = "goal") -> Event:
-    """Return the event of an answer; ``subject`` is ``goal`` or, of a goal in the frame of the dock, ``dock:``."""
+    """Return the event of the end of a goal; the text begins with ``subject``, such as ``goal`` or ``dock:``."""
     text = f"{subject} {end_text(end, reason)}" + (f" [{source}]" if source else "")
     return Event(time, "end", _LEVEL_OF_END.get(end, ERROR), text)
 
 
 def docking_verb(goal: Pose) -> str:
-    """Return the name of a goal in the frame of the dock, where the docked robot is at the origin."""
+    """Return ``dock`` or ``undock`` for a goal in the frame of the dock, whose origin is the pose of a docked robot."""
     return "dock" if goal == Pose(0.0, 0.0, 0.0) else "undock"
 
 
@@ -64,6 +64,7 @@ class EventMaker:
         self._faults: BoundedTable[str, str] = BoundedTable(MAX_NAMES)
         self._region: float | None = None
         self._ahead: dict[str, tuple[float, int]] = {}
+        """usual stamp minus reception [s] of each role, and number of consecutive messages that differ from it"""
 
     def of_status(self, time: float, status: Status) -> list[Event]:
         """Return the events of a ~/status: a new state, and increased counters of the filter."""

@@ -33,7 +33,7 @@ class Changes(NamedTuple):
 
 
 class LiveState:
-    """Thread-safe; every method returns at once."""
+    """The newest state of all robots. All methods are thread-safe and return at once."""
 
     def __init__(self, robots: Sequence[str]) -> None:
         """Start empty."""
@@ -58,7 +58,7 @@ class LiveState:
                 history.append(array("d", row))  # needs a quarter of the memory of a list
 
     def put(self, robot: str, name: str, value: Any) -> None:
-        """Set a named value of a robot; with an empty ``robot``, of all robots together. The value is for JSON."""
+        """Set a named value, which JSON can represent, of a robot; if ``robot`` is empty, of all robots together."""
         with self._lock:
             if (before := self._newest.get((robot, "", name))) is None or before[1] != value:
                 self._set((robot, "", name), value)

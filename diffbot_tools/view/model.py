@@ -34,7 +34,7 @@ MAX_POINTS = 500
 SHOWN_GOALS = 50
 """Number of newest goals that a live page shows."""
 _COVARIANCE = np.array([0, 1, 7, 35, 5, 11])
-"""Indices of xx, xy, yy, tt, xt and yt in the covariance of a pose message."""
+"""Indices of xx, xy, yy, tt, xt and yt (t is theta) in the covariance of a pose message."""
 _NO_COVARIANCE = np.zeros(36)
 _UNKNOWN_COVARIANCE = (math.nan,) * len(_COVARIANCE)
 _LAST_STAMP = 2.0**31
@@ -42,7 +42,7 @@ _LAST_STAMP = 2.0**31
 _STATE_PERIOD = 0.5
 """[s] Shortest time between two updates of the state line for new distances."""
 _MAX_DELAY = 60.0
-"""[s] Largest delay of a recorder. A result whose stamp differs by more has the stamp of another clock."""
+"""[s] Largest delay of a recorder. A stamp that differs more from the time of reception is of another clock."""
 _MAX_WAITING = 100
 """Number of fixes, clouds and detections that wait for the pose at their stamp."""
 _MAX_HELD = 2000
@@ -84,7 +84,7 @@ class RobotModel:
         """
         self.time, self.roles = 0.0, set(roles)
         self.goals, self.dockings = GoalList(), GoalList()
-        """goals of the controller in map, and of the controller in the frame of the dock"""
+        """goals in the map, and goals in the frame of the dock"""
         self.tolerance, self.docking_config = 0.1, DockingConfig()
         self._clock, self._sink = clock, sink
         self._events = EventMaker(namespace)
@@ -108,7 +108,7 @@ class RobotModel:
     def _make_handlers(self) -> dict[str, Callable[[Any], None]]:
         """Return the method that processes the messages of each role."""
         return {
-            **{role: self._on_estimate for role in ("estimate", "truth")},
+            **{role: self._on_map_pose for role in ("estimate", "truth")},
             "odometry": self._on_odometry,
             "fixes": self._on_fix,
             "command": self._on_command,
@@ -159,7 +159,7 @@ class RobotModel:
             self._place_odometry(Pose(0.0, 0.0, 0.0))
 
     def set_state(self, **values: Any) -> None:
-        """Change fields of the words.RobotSituation, which determines the state line."""
+        """Change fields of the situation (words.RobotSituation), which determines the state line."""
         self._situation = self._situation._replace(**values)
         self._put_state()
 
@@ -172,7 +172,7 @@ class RobotModel:
 
     # Poses
 
-    def _on_estimate(self, message: Any) -> None:
+    def _on_map_pose(self, message: Any) -> None:
         stamp, pose = _stamped_pose(message)
         covariance = np.asarray(getattr(message.pose, "covariance", _NO_COVARIANCE), float)
         time = self._clock.of(stamp)
@@ -218,7 +218,7 @@ class RobotModel:
             self._put_state()
 
     def _wait(self, stamp: int, place: Callable[[Pose], None]) -> None:
-        """Call ``place`` with the pose of the robot at a stamp [ns], as soon as the pose is known."""
+        """Call ``place`` with the pose of the robot at a stamp [ns], now or as soon as the pose is known."""
         if stamp > self._track.end:
             self._waiting.append(_Waiting(stamp, place))
         elif (pose := self._track.at(stamp)) is not None:
@@ -283,7 +283,7 @@ class RobotModel:
                 raise BadMessageError("labels missing")
             self._law_labels, self._law_places = labels, [labels.index(name) for name in LAW_LABELS]
         if len(message.data) != len(labels):
-            raise BadMessageError("labels missing")
+            raise BadMessageError("number of values differs from number of labels")
         stamp, rho, alpha, beta, *rest = (float(message.data[place]) for place in self._law_places)
         time = self._clock.of(round(stamp * 1e9)) if abs(stamp) <= _LAST_STAMP else self._now
         if rho < self.tolerance:
@@ -330,7 +330,7 @@ class RobotModel:
         self._put_goals()
 
     def _put_goals(self) -> None:
-        """Pass the newest goals in the map to the sink, without goals of a run before the time jumped back."""
+        """Pass the newest goals in the map to the sink, without goals from before a jump back in time."""
         rows = [
             [one.time, *one.pose, None if math.isnan(one.ended) else one.ended]
             for one in self.goals.goals[-SHOWN_GOALS:]

@@ -26,12 +26,13 @@ from diffbot_tools.view.results import cards_of, health_lines, result_line
 MAX_ROWS = 40_000
 """Rows of a curve in the page. Curves of 13 minutes at 50 Hz are not thinned."""
 MAX_LISTED, MAX_TOPICS = 2000, 500
-"""Number of events of a robot, and of topics, that the page lists."""
+"""Largest number of events of a robot, and of topics, that the page lists."""
 UNIT, TIME_UNIT = 1e-5, 1e-4
-"""Units of the integers in a packed column ([m], [rad], [m/s] ...) and of its times [s], finer than any sensor."""
+"""Units of the integers in a packed column, in [m], [rad], [m/s] ... and, for times, in [s]; finer than any sensor."""
 MISSING = -(2**31)
 """The integer for NaN and infinite values."""
 _LARGEST = 2.0**30
+"""Largest integer. For larger values, the unit is enlarged."""
 _UNSEEN = {"estimate": {"xt", "yt"}, "truth": {"tt"}}
 """Columns that the page does not show."""
 _TABLE, _PATHS = ("estimate", "truth", "odometry", "error", "command", "law"), ("truth", "estimate", "odometry")
@@ -166,7 +167,7 @@ class Packer:
 
 
 def pack(values: Array, unit: float) -> tuple[float, bytes]:
-    """Return the unit of the integers, and the bytes of their differences: first the lowest byte of each difference."""
+    """Return the unit of the integers, and the bytes of their differences: the lowest bytes of all, then the next."""
     finite = np.isfinite(values)
     largest = float(np.abs(values[finite]).max()) if finite.any() else 0.0
     unit = max(unit, largest / _LARGEST)
@@ -225,7 +226,7 @@ def csv_text(robot: BagRobot) -> str:
 
 
 def tum_text(path: Columns, origin: int) -> str:
-    """Return lines ``stamp x y z qx qy qz qw`` with stamps [s]; ``origin`` is the stamp of t = 0 [ns]."""
+    """Return a path in TUM format, lines ``stamp x y z qx qy qz qw``; ``origin`` is the stamp of t = 0 [ns]."""
     lines = []
     for t, x, y, theta in zip(*(path[name].tolist() for name in ("t", "x", "y", "theta")), strict=True):
         seconds, nanoseconds = divmod(origin + round(t * 1e9), 10**9)

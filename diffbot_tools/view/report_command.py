@@ -22,7 +22,7 @@ def add_report(commands: Any) -> None:
         "bag",
         type=Path,
         nargs="+",
-        help=f"folder or .mcap file of a bag; the page lays up to {MAX_BAGS} bags over each other",
+        help=f"folder or .mcap file of a bag; several bags, at most {MAX_BAGS}, are compared on one page",
     )
     report.add_argument("-o", "--out", type=Path, help="file to write (default: BAG.html beside the bag)")
     report.add_argument(
@@ -30,14 +30,15 @@ def add_report(commands: Any) -> None:
         choices=tuple(PRESETS),
         help="draw the tolerances and limits of this preset (default: the recorded parameters, else tuned)",
     )
-    report.add_argument("--csv", action="store_true", help="write a table beside the page, too")
-    report.add_argument("--tum", action="store_true", help="write trajectories for evo beside the page, too")
+    report.add_argument("--csv", action="store_true", help="also write a table beside the page")
+    report.add_argument("--tum", action="store_true", help="also write trajectories for evo beside the page")
     report.set_defaults(call=_call)
 
 
 def _call(options: argparse.Namespace) -> int:
     bag, *others = (one.expanduser() for one in options.bag)
-    out = (options.out or bag.resolve().with_suffix(".html")).expanduser()
+    path = bag.resolve()
+    out = (options.out or path.with_name(f"{path.name.removesuffix('.mcap')}.html")).expanduser()
     if out.suffix.lower() not in (".html", ".htm"):
         raise DiffbotError(f"--out {out}: the name must end with .html")
     if not out.parent.is_dir():
@@ -61,7 +62,7 @@ def write_report(
 ) -> list[Path]:
     """Write the page ``out`` atomically; return the CSV and TUM files beside it.
 
-    With other bags, which the page lays over the first bag, the time of each bag begins at its first goal.
+    If the page compares ``bag`` with ``others``, the time of each bag begins at its first goal.
 
     Raises:
         DiffbotError: if a bag cannot be read, or a file cannot be written.

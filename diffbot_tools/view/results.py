@@ -30,7 +30,8 @@ from diffbot_tools.view.words import Words, length_text
 NEUTRAL = -1
 """Level of a goal that was neither reached nor missed, but cancelled, replaced or passed."""
 TRUSTED_SHARE = 0.9
-"""A trustworthy filter is below its 95 % bound for this share of the time; its errors are correlated in time."""
+"""A filter is trustworthy if it is below its 95 % bound for this share of the time. The share is less than 95 %, since
+consecutive errors are correlated."""
 _ROUNDING = 1e-6
 _LIMITS = (("v", "m/s"), ("omega", "rad/s"))
 _SLACK = 0.5
@@ -39,7 +40,7 @@ _MAX_FAULTS = 3
 _START = 2.0
 """[s] Warnings are ignored until this time after the first goal, since nodes are still starting."""
 _DOCKING_CURVES = ("docking", "odometry", "command", "truth")
-"""Curves that show why a docking failed."""
+"""Curves in which the causes of a failed docking are searched."""
 
 
 class GoalOutcome(NamedTuple):
@@ -131,7 +132,7 @@ def cards_of(
 ) -> list[dict[str, Any]]:
     """Return the cards of the page in the order of time: level, verdict and lines in words, and figures of the table.
 
-    The card of a missed goal contains the causes that the curves show, see causes.py.
+    The card of a missed goal also contains the causes that causes.py finds in the curves.
 
     Args:
         goals: outcomes of the goals in the map.
@@ -151,7 +152,7 @@ def cards_of(
         verdict = _verdict(one, math.isinf(following), is_reached(one, config))
         lines = _figure_lines(one, verdict[0])
         if "law" in curves and "command" in curves:
-            lines += _limits(curves["command"], one.accepted, until, config)
+            lines += _limit_lines(curves["command"], one.accepted, until, config)
         if verdict[0] > OK:
             lines = [*causes(in_map, one.accepted, until, config, wheels), *lines]
         cards.append(_card(one, title, verdict, lines))
@@ -167,7 +168,7 @@ def cards_of(
 
 
 def _with_following(outcomes: Sequence[GoalOutcome]) -> list[tuple[GoalOutcome, float]]:
-    """Return each goal with the time [s] at which the next goal was accepted; infinite for the last goal."""
+    """Return each goal with the time [s] at which the next goal was accepted, which is infinite for the last goal."""
     times = [one.accepted for one in outcomes] + [math.inf]
     return list(zip(outcomes, times[1:], strict=True))
 
@@ -192,7 +193,7 @@ def _verdict(one: GoalOutcome, is_last: bool, is_confirmed: bool, reached: str =
 
     Args:
         one: the goal.
-        is_last: no other goal follows.
+        is_last: True if no other goal follows.
         is_confirmed: False if the pose contradicts the answer ``reached``.
         reached: word for a goal that was reached.
     """
@@ -222,8 +223,8 @@ def _figure_lines(one: GoalOutcome, level: int) -> list[Words]:
     return [(ERROR if one.end == REACHED and level == ERROR else OK, error), (OK, path)]
 
 
-def _limits(command: Columns, begin: float, end: float, config: SwitchingConfig) -> list[Words]:
-    """Return a line that reports if the commands of an interval kept the limits; no line without limits."""
+def _limit_lines(command: Columns, begin: float, end: float, config: SwitchingConfig) -> list[Words]:
+    """Return a line about whether the commands between two times [s] kept the limits; no line without limits."""
     part = (command["t"] >= begin) & (command["t"] <= end)
     sheet, found, is_kept = config.data_sheet, [], True
     # Without a pose, the controller stops the robot at once. Therefore steps to zero are not compared with the limits.
@@ -249,7 +250,7 @@ def _limits(command: Columns, begin: float, end: float, config: SwitchingConfig)
             found.append(f"{min(fastest, rate_limit) if within else fastest:.2f} of {rate_limit:.2f} {unit}^2")
     if not found:
         return []
-    return [(OK, "Limits kept")] if is_kept else [(ERROR, f"BEYOND LIMITS: {', '.join(found)}")]
+    return [(OK, "Limits kept")] if is_kept else [(ERROR, f"Limits exceeded: {', '.join(found)}")]
 
 
 def result_line(cards: Sequence[Mapping[str, Any]]) -> Words:

@@ -1,9 +1,9 @@
 """Serves the page and its WebSocket to browsers, in a thread of its own.
 
 Only the user may send goals to a robot. Therefore the address contains a token, and the headers Host and Origin must
-name this server. A foreign page in the same browser has another origin, and a name that was rebound to this machine is
-another host. Requests are small and are checked. A slow browser skips states and receives the newest one. If a browser
-does not receive, or if serving it fails, only its own connection is closed.
+name this server. A foreign page in the same browser has another Origin, and a DNS name that was rebound to this machine
+is another Host. Requests are small and are checked. A slow browser skips states and receives the newest one. If a
+browser does not receive, or if serving it fails, only its own connection is closed.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ OPEN_TIMEOUT = 5.0
 """[s] After this time, a connection without a complete request is closed."""
 MAX_BROWSERS = 16
 MAX_BAD = 20
-"""After more bad requests, a browser is disconnected."""
+"""A browser that sends more bad requests is disconnected."""
 _START_TIMEOUT = 10.0
 SEND_TIMEOUT = 10.0
 """[s] After this time, a browser that does not receive a message is disconnected."""
@@ -125,8 +125,8 @@ class PageServer:
         """Prepare the server, which does not listen yet.
 
         Args:
-            state: the state that the browsers show.
-            constants: tolerances and limits for the time before the robot has sent its own, see constants.py.
+            state: state of the robots.
+            constants: tolerances and limits until those of the robot are known, see constants.py.
             on_request: called in the server's thread with each valid request; must return at once.
             on_error: called in the server's thread with each unexpected exception; the server continues.
             address: address to listen on.
@@ -294,7 +294,7 @@ class PageServer:
             pass
         except Exception as error:
             self._on_error(error)
-            # The page connects again after the end of the connection. With an open connection it would wait.
+            # The page connects again when its connection is closed. It would wait on an open connection.
             await browser.connection.close(1011, "internal error")
 
     async def _receive_all(self, browser: Browser) -> None:

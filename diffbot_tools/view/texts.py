@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, TypeVar
 OK, WARNING, ERROR = 0, 1, 2
 """Levels of a DiagnosticStatus, which events and lines of text use, too."""
 MAX_TEXT = 300
-"""Number of characters of a text that are kept."""
+"""Largest number of characters of a text. Longer texts are cut."""
 K = TypeVar("K")
 V = TypeVar("V")
 
@@ -28,7 +28,7 @@ class Status(NamedTuple):
 
 
 class BoundedTable(dict[K, V]):
-    """A dict of limited size, which drops the entry that was set least recently, and counts dropped entries.
+    """A dict of limited size, which drops the entry that was set least recently, and counts the dropped entries.
 
     Without a limit, keys from received messages could fill the memory.
     """

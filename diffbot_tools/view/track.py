@@ -20,10 +20,10 @@ _MAX_EDGES = 200
 
 
 class PageClock:
-    """Converts stamps to times of the page, which begin at the first stamp."""
+    """Converts stamps to times of the page. Time 0 is the first stamp or a given stamp."""
 
     def __init__(self, origin: int | None = None) -> None:
-        """Set the stamp of time 0 [ns]. If it is None, the first stamp that is passed to :meth:`of` is time 0."""
+        """Set time 0 to the stamp ``origin`` [ns]; None: to the first stamp that is passed to :meth:`of`."""
         self.origin = origin
 
     def of(self, stamp: int) -> float:

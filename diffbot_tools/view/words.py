@@ -14,7 +14,7 @@ from diffbot_tools.view.texts import ERROR, OK, WARNING, Status
 Words = tuple[int, str]
 """Level (OK, WARNING, ERROR) and text."""
 _AT_REST = Twist(0.02, 0.05)
-"""[m/s], [rad/s]"""
+"""[m/s], [rad/s] largest speeds of a robot at rest"""
 _NAN = math.nan
 
 
@@ -24,7 +24,7 @@ class RobotSituation(NamedTuple):
     controller: Status = Status(OK, "", "", {})
     """newest status of the controller; its message is empty before the first status"""
     filter: str = ""
-    """reason why the filter does not publish poses; empty if it publishes"""
+    """reason why the filter does not publish poses; empty if it publishes them"""
     docking: Words | None = None
     """see docking_words; None if the robot is neither docking nor docked"""
     to_go: Pose = Pose(_NAN, _NAN, _NAN)
@@ -101,20 +101,20 @@ def _driving(now: RobotSituation) -> str:
     where = f" (goal {waypoint})" if waypoint else ""
     if now.controller.values.get("finish", "") in ("to and fro", "out and in") and math.isfinite(now.to_go.y):
         return f"correcting sideways, {length_text(abs(now.to_go.y))}{where}"
-    return f"driving{where}{_rest(now.to_go)}" + (f", {now.left:.0f} s" if now.left >= 0.5 else "")
+    return f"driving{where}{_to_go_text(now.to_go)}" + (f", {now.left:.0f} s" if now.left >= 0.5 else "")
 
 
 def _at_goal(now: RobotSituation, tolerance: float) -> Words:
     distance = math.hypot(now.to_go.x, now.to_go.y)
     if abs(now.speed.v) > _AT_REST.v or abs(now.speed.omega) > _AT_REST.omega:
-        return OK, f"moving after the goal was reached{_rest(now.to_go)}"
+        return OK, f"moving after the goal was reached{_to_go_text(now.to_go)}"
     if distance > 2.0 * tolerance:
-        return WARNING, f"away from the goal that was reached{_rest(now.to_go)}"
+        return WARNING, f"away from the goal that was reached{_to_go_text(now.to_go)}"
     text = "holding" if "goal" in now.controller.values else "at the goal"
     return OK, text + (f", {length_text(distance)} off" if math.isfinite(distance) else "")
 
 
-def _rest(to_go: Pose) -> str:
+def _to_go_text(to_go: Pose) -> str:
     distance = math.hypot(to_go.x, to_go.y)
     if not math.isfinite(distance):
         return ""

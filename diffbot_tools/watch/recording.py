@@ -29,7 +29,7 @@ MAX_WAITING = 8
 _CHECK_PERIOD = 0.2
 _POLL = 0.02
 _LINES, _MAX_LINE = 20, 200
-"""Number of last log lines that are kept, and of characters of a line that are shown."""
+"""Number of log lines that are kept, and largest number of characters of a line that are shown."""
 
 
 class PageRecording:
@@ -143,7 +143,7 @@ class _Recorder:
         """Start the process.
 
         Raises:
-            OSError: if it cannot be started.
+            OSError: if the process cannot be started.
         """
         self.bag = bag
         self._process = subprocess.Popen(
@@ -161,7 +161,7 @@ class _Recorder:
 
     @property
     def is_ready(self) -> bool:
-        """True if the bag exists. From now on, the recorder closes its bag after a signal."""
+        """True if the bag exists. From this time on, the recorder closes its bag after a signal."""
         return any(self.bag.glob("*.mcap"))
 
     @property
@@ -194,6 +194,6 @@ class _Recorder:
             for line in output:
                 if line.strip():
                     self._lines.append(line.strip())
-                # The recorder continues even if the log of this process cannot be written.
+                # The recorder has to continue even if this process cannot write its own log.
                 with contextlib.suppress(OSError, ValueError):
                     print(line, end="", file=sys.stderr, flush=True)

@@ -31,7 +31,7 @@ MAX_WAITING = 20
 """Number of requests in the queue. Further requests are refused."""
 SERVICE_TIMEOUT = 3.0
 _TRIALS = 3
-"""Number of calls of a service: the response is lost if the node has not discovered the client yet."""
+"""Number of attempts to call a service: the response is lost if the node has not discovered the client yet."""
 _IDLE, _FOLLOWING = 0.5, 0.03
 """[s] Longest wait for a request, without and with a goal under way."""
 _PARAMETERS = (*(one.name for one in parameters_of(SwitchingConfig)), *WheelGeometry._fields)
@@ -46,9 +46,9 @@ class RobotInfo(NamedTuple):
     services: Services
     """``isThere`` and ``isOn`` of pause, reset and dock"""
     constants: dict[str, Any] | None
-    """tolerances and limits of the controller; None if the controller has not answered"""
+    """tolerances and limits of the controller, see constants.py; None if the controller has not sent its parameters"""
     docking: DockingConfig | None
-    """None if the docking controller has not answered"""
+    """parameters of the docking controller; None if it has not sent them"""
 
 
 class RobotClient:
@@ -121,7 +121,7 @@ class RobotClient:
             self._client.close()
 
     def _follow(self, goal_reply: Reply | None) -> Reply | None:
-        """Report the end of the goal under way if it has ended; without a goal, update the info."""
+        """If the goal under way has ended, report its end; without a goal, update services and parameters."""
         if goal_reply is None:
             self._update_info()
             return None
@@ -132,7 +132,7 @@ class RobotClient:
         return None
 
     def _handle(self, request: Request, reply: Reply, goal_reply: Reply | None) -> Reply | None:
-        """Handle a request; return the reply for the end of the goal under way, None without a goal."""
+        """Handle a request; return the function that replies when the goal under way ends, None without a goal."""
         try:
             if request.kind == "goal" and request.pose is not None:
                 x, y, theta = request.pose

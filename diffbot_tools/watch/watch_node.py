@@ -36,7 +36,7 @@ _UPDATE_PERIOD = 1.0
 _OUTDATED = 5.0
 """[s] After this time, the last diagnosis of a node is stale; a node sends one each second."""
 _STALE, _ENDED = 3, 4
-"""Level of a stale diagnosis, and of a node that has left the graph."""
+"""Levels of a stale diagnosis, and of the diagnosis of a node that has left the graph."""
 MAX_NODES = 100
 """Number of nodes whose diagnoses are shown."""
 
@@ -141,7 +141,8 @@ class WatchNode(DiffbotNode[WatchConfig]):
         if self._recording is not None and self._recording.problem:
             found.append((DiagnosticStatus.ERROR[0], self._recording.problem))
         if self._diagnoses.dropped:
-            found.append((DiagnosticStatus.WARN[0], f"{self._diagnoses.dropped} names dropped, {MAX_NODES} are shown"))
+            text = f"{self._diagnoses.dropped} names dropped: the page shows the diagnoses of {MAX_NODES} nodes"
+            found.append((DiagnosticStatus.WARN[0], text))
         return max(found, key=lambda one: one[0])
 
     def before_shutdown(self) -> None:
@@ -156,14 +157,14 @@ class WatchNode(DiffbotNode[WatchConfig]):
 
 
 def _open_page(url: str) -> Path | None:
-    """Open the page in a browser, by a file that redirects to it; return the file, or None if no browser was started.
+    """Open the page in a browser by a file that redirects to the page; return the file, None without a browser.
 
-    Only this user can read the file. Every user of the machine could read an address on the browser's command line.
+    Only this user can read the file. Every user of the machine could read the token on the browser's command line.
     """
     if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        return None  # without a screen, a text browser would start in the terminal
+        return None  # without a screen, webbrowser could start a text browser in the terminal
     try:
-        number, name = tempfile.mkstemp(".html", "page_", runtime_folder())  # of mode 0600
+        number, name = tempfile.mkstemp(".html", "page_", runtime_folder())  # readable for this user only
         with open(number, "w", encoding="utf-8") as file:
             file.write(f'<!doctype html>\n<meta http-equiv="refresh" content="0; url={html.escape(url)}">\n')
     except OSError as error:

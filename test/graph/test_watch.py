@@ -86,7 +86,7 @@ def press(page, key):
 
 
 def look_at(page, x, y):
-    page.get(f"Object.assign(diffbotPage.view, {{ x: {x}, y: {y}, scale: 120, follow: false, isOwn: true }})")
+    page.get(f"Object.assign(diffbotPage.view, {{ x: {x}, y: {y}, scale: 120, follow: false, isMoved: true }})")
 
 
 def next_data_frame(page):

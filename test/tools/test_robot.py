@@ -93,7 +93,7 @@ def test_the_check_of_a_robot_that_reaches_no_goal_proposes_a_sufficient_toleran
     assert cli.main(["robot", "check", str(path)]) == 1
     out = capsys.readouterr().out
     assert out.count("not reached after") == len(check.GOALS)
-    (proposed,) = re.findall(r"^not reached: xy_goal_tolerance: (\S+) would do$", out, re.MULTILINE)
+    (proposed,) = re.findall(r"^not reached: set xy_goal_tolerance: (\S+)$", out, re.MULTILINE)
     assert 0.03 < float(proposed) < 0.1
     written(path, PRESETS["turtlebot4"], controller__xy_goal_tolerance=float(proposed))
     assert cli.main(["robot", "check", str(path)]) == 0

@@ -1,4 +1,4 @@
-"""The node of ``diffbot check``: subscribe to the topics of a robot, read its parameters, look at the graph."""
+"""The node of ``diffbot check``: subscribe to the topics of a robot, and read its parameters and the graph."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ from diffbot_tools.live.report import (
 from diffbot_tools.live.streams import COMMANDS, MessageArrival, Streams
 
 _DISCOVERY = 2.0
-"""[s] time to discover the graph before topics are subscribed to"""
+"""[s] time to discover the graph before subscribing"""
 _LOOK = 0.5
 """[s] time between two searches for new publishers"""
 _ANSWER, _ATTEMPTS = 1.0, 5
@@ -67,7 +67,7 @@ class Observer:
             values: parameters of ekf and controller from a file; the parameters of a running node replace them.
             ros_arguments: remappings.
         """
-        # Fast DDS's shared memory of a process that was killed can delay messages.
+        # Shared memory that a killed process has left behind can delay the messages of Fast DDS.
         os.environ.setdefault("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
         context = rclpy.Context()
         words = ["--ros-args", *ros_arguments] if ros_arguments else []
@@ -159,7 +159,7 @@ class Observer:
         return default
 
     def _running(self) -> list[str]:
-        """Return the full names of all nodes; a name occurs as often as nodes have it."""
+        """Return the full names of all nodes; the list contains the name of two nodes of the same name twice."""
         return [f"{space.rstrip('/')}/{one}" for one, space in self._node.get_node_names_and_namespaces()]
 
     def _read_parameters(self) -> None:

@@ -2,7 +2,7 @@ import { rangeOf, roundStep, shown } from "./geometry.js";
 import { cleared } from "./map.js";
 import { add } from "./panels.js";
 
-// Strip charts: the lines of each chart, and how they are drawn.
+// Strip charts over time: the lines of each chart, and their drawing.
 
 const DEGREES = 180 / Math.PI;
 const line = (curve, column, colour, label, factor = 1) => ({ curve, column, colour, label, factor });
@@ -26,8 +26,8 @@ const speed = (title, unit, column, limit) => ({
 });
 
 /**
- * The charts of each panel. `dashed` lines and `levels` are drawn dashed, `band` is shaded around 0, `isNear` shades the
- * times inside Omega_L, and a line that jumps by `turn` is interrupted.
+ * The charts of each panel. `dashed` lines and `levels` are drawn dashed, `band` is shaded around 0, and `isNear` shades the
+ * times inside Omega_L. `turn` is a full turn in the unit of the chart; a line is interrupted where its angle wraps.
  */
 const GROUPS = {
   "drive-charts": [
@@ -98,14 +98,14 @@ const linesOf = ({ lines }, robot, runs) => {
   });
 };
 
-/** Return a short text for a number of an axis with this step. */
+/** Return a short text for a number on an axis whose labels have this step. */
 function axisNumber(value, step) {
   const power = Math.floor(Math.log10(step));
   if (power >= -4 || value === 0) return value.toFixed(Math.min(Math.max(-power, 0), 4));
   return value.toExponential(Math.max(Math.floor(Math.log10(Math.abs(value))) - power, 0));
 }
 
-/** Trace a column between two times by the first, lowest, highest and last value of each pixel. */
+/** Trace a column between two times through the first, lowest, highest and last value of each column of pixels. */
 function trace(context, curve, values, scale, factor, turn = Infinity) {
   const { t } = curve.columns;
   const begin = Math.max(curve.indexAt(scale.t0), 0);
@@ -122,7 +122,7 @@ function trace(context, curve, values, scale, factor, turn = Infinity) {
     for (; i < end && Math.floor(scale.x(t[i])) === pixel; i += 1) {
       value = factor * values[i];
       if (!Number.isFinite(value)) continue;
-      if (first !== first) first = value;
+      if (Number.isNaN(first)) first = value;
       if (value < low) low = value;
       if (value > high) high = value;
     }
@@ -143,7 +143,10 @@ function trace(context, curve, values, scale, factor, turn = Infinity) {
   context.stroke();
 }
 
-/** A strip chart. A click calls `onTime`, the pointer calls `onHover` with its time or null, and a drag calls `onZoom`. */
+/**
+ * A strip chart. A click calls `onTime` with its time [s], a moving pointer calls `onHover` with its time or null, and a drag
+ * calls `onZoom` with its begin and end. A double click calls `onZoom` with null.
+ */
 class Chart {
   constructor(definition, parent, { onTime, onHover, onZoom }) {
     Object.assign(this, { definition, labels: [], lines: [], scale: null });
@@ -153,7 +156,7 @@ class Chart {
     this.canvas = add(this.box, "canvas", "", { role: "img", "aria-label": definition.title });
     this.cursor = add(this.box, "div", "", { class: "cursor" });
     this.range = add(this.box, "div", "", { class: "range hidden" });
-    let start = null; // [pixels] of a drag
+    let start = null; // [pixels] begin of a drag
     const place = (event) => {
       const x = event.clientX - this.canvas.getBoundingClientRect().left;
       return Math.min(Math.max(x, LEFT), this.canvas.clientWidth);
@@ -189,7 +192,7 @@ class Chart {
     this.canvas.addEventListener("dblclick", () => onZoom(null));
   }
 
-  /** Return the lowest and the highest value that is drawn in a range of times, with a margin. */
+  /** Return the range of the values that are drawn between two times, with a margin. */
   valueRange(robot, t0, t1, levels) {
     const { dashed = [], band, turn = Infinity } = this.definition;
     let range = rangeOf(levels, 0, levels.length);
@@ -214,7 +217,7 @@ class Chart {
     this.lines = linesOf(definition, robot, runs);
     const isShown = this.lines.some((one) => hasNumbers(one.robot, one));
     this.box.classList.toggle("hidden", !isShown);
-    if (!isShown || !canvas.clientWidth) return; // no width: its panel is closed
+    if (!isShown || !canvas.clientWidth) return; // a chart in a closed panel has no width
     const context = cleared(canvas);
     const width = canvas.clientWidth;
     const levels = definition.levels?.(robot.constants) ?? [];
@@ -253,7 +256,7 @@ class Chart {
     drawAxes(context, scale, low, high, definition.unit, colours);
   }
 
-  /** Mark a time by the cursor, and show its values beside the title. */
+  /** Move the cursor to a time, and show the values at this time beside the title. */
   point(time, colours) {
     if (!this.scale || this.box.classList.contains("hidden")) return;
     const { unit } = this.definition;
@@ -322,7 +325,7 @@ function drawAxes(context, scale, low, high, unit, colours) {
     if (x <= LEFT + 12 || x >= scale.width - 16) continue;
     const label = `${+(k * every).toFixed(3)} s`;
     const width = context.measureText(label).width + 4;
-    context.fillStyle = colours.panel; // no line may run through the label
+    context.fillStyle = colours.panel; // no line runs through the label
     context.fillRect(x - width / 2, HEIGHT - 13, width, 13);
     context.fillStyle = colours.faint;
     context.fillText(label, x, HEIGHT - 3);

@@ -3,12 +3,12 @@ import { $, addButton, alarm, buttons, events, keys, page, redrawForData, setRob
 import { MAX_EVENTS, showDiagnostics } from "./panels.js";
 import { Robot } from "./store.js";
 
-// The page of `diffbot watch`: receives states and events, sends goals and other requests.
+// The page of `diffbot watch`: receives states and events, and sends goals and other requests.
 
 const RETRY = 1500; // [ms] from the loss of the connection to the next attempt
-const CONFIRM = 3000; // [ms] within which Reset has to be pressed again
+const CONFIRM = 3000; // [ms] time in which Reset has to be pressed again
 
-/** Connect, and connect again after each loss. `handlers` are called by the type of a message. Return a function that sends. */
+/** Connect, also after each loss of the connection, and return a function that sends. `handlers` are functions by message type. */
 function connect(handlers, onConnected) {
   let socket = null;
   const open = () => {
@@ -31,7 +31,7 @@ function connect(handlers, onConnected) {
   };
 }
 
-/** Ask for a second press of a button, and act if it comes within CONFIRM. */
+/** At the first press of a button, ask for a second one. At a second press within CONFIRM, call `action`. */
 function confirmed(button, action) {
   const text = button.dataset.text;
   button.dataset.text = "";
@@ -48,7 +48,7 @@ function confirmed(button, action) {
   }, CONFIRM);
 }
 
-/** Enable the buttons whose services the robot has. */
+/** Enable the buttons whose services are available, and show which services are on. */
 function showServices() {
   const { pause = {}, reset = {}, dock = {} } = page.robot.services;
   const { record = {} } = page;
@@ -103,7 +103,7 @@ export function startLive() {
       const view = { ...page.view };
       const isFirst = !page.robots.length;
       setRobots(message.robots.map((name) => new Robot(name, message.constants)));
-      if (!isFirst) Object.assign(page.view, view); // a page that connects again keeps its robot and its view
+      if (!isFirst) Object.assign(page.view, view); // after a lost connection, the page keeps its view
       choose("pan");
     },
     history({ robot, curve, rows }) {

@@ -3,12 +3,12 @@ import { ellipseOf, lastAtMost, roundStep, shown, TWO_PI } from "./geometry.js";
 // Draws the map: grid, paths, fixes, goals with tolerance and region, landmarks, the dock, robots.
 
 const PATHS = ["odometry", "truth", "estimate"];
-const MIN_RADIUS = 9; // [pixels] of a robot; a robot of unknown size has this radius
+const MIN_RADIUS = 9; // [pixels] smallest radius of a robot, and radius of a robot of unknown size
 const MAX_ELLIPSES = 60;
-const MAX_WAYPOINTS = 50; // of a path whose waypoints are drawn
+const MAX_WAYPOINTS = 50; // the waypoints of a longer path are not drawn
 const CROSS = 4; // [pixels] half the size of a detection of the dock
 
-/** Clear a canvas, whose resolution is that of the screen, and return its context in units of CSS pixels. */
+/** Clear a canvas, adapt it to the resolution of the screen, and return its context in units of CSS pixels. */
 export function cleared(canvas) {
   const ratio = Math.min(globalThis.devicePixelRatio || 1, 2);
   const width = canvas.clientWidth;
@@ -66,8 +66,8 @@ function tracePath(context, view, curve, begin, end) {
 }
 
 /**
- * An image of the paths. Stroking paths of many minutes takes longer than a frame. Therefore a frame adds only the new rows
- * to the image, as long as the view does not change.
+ * An image of the paths. Paths of many minutes cannot be drawn within a frame. As long as the view does not change, a frame
+ * adds only the new rows to the image.
  */
 class PathLayer {
   constructor() {
@@ -107,7 +107,7 @@ class PathLayer {
   add(layer, view, curve, begin, end, name, colours, alpha) {
     layer.strokeStyle = colours[name];
     layer.lineWidth = name === "truth" ? 3 : 1.5;
-    layer.lineJoin = "bevel"; // the cheapest
+    layer.lineJoin = "bevel"; // the fastest to draw
     layer.globalAlpha = alpha;
     tracePath(layer, view, curve, begin, end);
     layer.stroke();
@@ -137,7 +137,7 @@ function addEllipse(context, view, columns, index) {
   context.ellipse(px, py, radius, b * view.scale, -angle, 0, TWO_PI);
 }
 
-/** Draw at most MAX_ELLIPSES ellipses of 95 % along the path, at least 60 pixels apart, and fill the current ellipse. */
+/** Draw at most MAX_ELLIPSES 95 % ellipses along the path, at least 60 pixels apart, and fill the ellipse at `time`. */
 function drawEllipses(context, view, curve, time, colours) {
   if (!curve.columns.xx) return;
   const { x, y } = curve.columns;
@@ -274,8 +274,8 @@ function drawLandmarks(context, view, robot, time, colours) {
 }
 
 /**
- * Draw the dock of model.py: the axis up to the staging pose, the corridor of the approach, a bar in front of the docked
- * robot, and the newest detections. Without a `pose`, only the detections are drawn.
+ * Draw the dock as model.py describes it: the axis up to the staging pose, the corridor of the approach, a bar in front of
+ * the docked robot, and the newest detections. Without a `pose`, only the detections are drawn.
  */
 function drawDock(context, view, dock, wheels, colours) {
   context.lineWidth = 1.5;
@@ -345,7 +345,7 @@ function drawRuns(context, view, runs, { time, hidden, colours }) {
   }
 }
 
-/** Draw one robot with all layers at a time, and the poses of the other robots. Mark the pose at `hover` [s] or null. */
+/** Draw all layers of one robot at a time, and the poses of other robots. Mark the pose at `hover` [s] unless it is null. */
 export function drawMap(canvas, view, robots, robot, runs, { time, hover, hidden, colours }) {
   const { constants } = robot;
   const context = cleared(canvas);

@@ -17,17 +17,17 @@ export const page = {
   view: new View(),
   tools: { current: "pan", draw: null },
   hidden: new Set(), // names of layers of the map
-  hover: null, // [s] time under the pointer, or null
-  zoom: null, // [s] times that the charts show, or null for the times of the select box
+  hover: null, // [s] time at the pointer, or null
+  zoom: null, // [s] begin and end of the charts, or null for the length in the select box
   frames: 0,
   onRobot() {}, // called when another robot is shown
 };
 globalThis.diffbotPage = page; // for the console and the tests
 const WINDOWS = [["everything", Infinity], ["10 s", 10], ["60 s", 60], ["5 min", 300]];
-const CHART_PERIOD = { report: 90, live: 200 }; // [ms] shortest time between two drawings of charts that move
-const FAST_FRAME = 22; // [ms] of a display of 50 Hz
-const PAUSE_FRAMES = 7; // a slow browser uses an eighth of its time to draw new data
-const REACH = 12; // [pixels] from the path within which the pointer shows its time
+const CHART_PERIOD = { report: 90, live: 200 }; // [ms] shortest time between two drawings of moving charts
+const FAST_FRAME = 22; // [ms] longest frame of a fast browser; a display of 50 Hz has frames of 20 ms
+const PAUSE_FRAMES = 7; // pause after each frame of a slow browser, which then draws for an eighth of the time
+const REACH = 12; // [pixels] largest distance from the path at which the pointer shows its time
 const LAYERS = { ellipses: "95 % ellipses", plan: "planned path" };
 const COLOURS = ["page", "panel", "text", "faint", "line", "mark", "truth", "estimate", "odometry", "fixes", "goal", "plan", "landmarks", "dock", "near", "band", "alarm"];
 
@@ -35,10 +35,10 @@ let colours = {};
 let isDirty = true;
 let areChartsDirty = true;
 let lastCharts = 0;
-let lastTime = NaN; // [s] that was drawn
+let lastTime = NaN; // [s] time that was drawn
 let isFrameRequested = false;
 let dataTimer = 0;
-let frameTime = 0; // [ms] between two frames while there is something to draw
+let frameTime = 0; // [ms] mean time between two frames with something to draw
 
 function requestFrame() {
   if (!isFrameRequested) requestAnimationFrame(drawFrame);
@@ -51,7 +51,7 @@ export function redraw(withCharts = false) {
   requestFrame();
 }
 
-/** Redraw for new data: at once in a fast browser, else less often, so that the processor remains free for the robot. */
+/** Redraw for new data: at once in a fast browser, else after a pause, which leaves the processor to the robot. */
 export function redrawForData() {
   dataTimer ||= setTimeout(() => {
     dataTimer = 0;
@@ -74,7 +74,7 @@ function timeNow() {
   return curve?.rows ? curve.t[curve.rows - 1] : 0;
 }
 
-/** Show a time [s]; a live page only marks it. */
+/** Show a time [s]; a live page only marks the time. */
 export function goTo(time) {
   if (page.player) page.player.go(time);
   else setHover(time);
@@ -154,7 +154,7 @@ function drawCharts(now, time) {
   } else if (areChartsDirty) redraw();
 }
 
-/** Show the available layers of the map, each with a check box that hides it. */
+/** Show the available layers of the map, each with a check box that shows or hides the layer. */
 function showLegend() {
   const layers = page.runs?.map(({ name }) => name) ?? layersOf(page.robot);
   if ($("legend").dataset.layers === layers.join()) return;
@@ -183,7 +183,7 @@ function chooseRobot(name) {
   events.append(page.robot.events);
   showSummary($("summary"), page.runs ?? [page.robot]);
   page.onRobot();
-  // The size of the map depends on the parts around it.
+  // The parts around the map are drawn first, since they determine its size.
   showLegend();
   showValues($("values"), page.robot, timeNow());
   Object.assign(page.view, { width: $("map").clientWidth, height: $("map").clientHeight });
@@ -198,7 +198,7 @@ export function setRobots(robots) {
   chooseRobot(page.robot.name);
 }
 
-/** Show the state at a time. The last state of a bag is not shown, since it says only that the nodes have ended. */
+/** Show the state at a time. The last state of a bag is not shown, since it only reports that the nodes have ended. */
 function showState(time) {
   const [level, text] = page.player && time >= page.player.end ? [0, "end of the recording"] : page.robot.stateAt(time);
   if ($("state").textContent !== text) $("state").textContent = text;
@@ -215,7 +215,7 @@ export function alarm(text, seconds = 6, level = 2) {
   if (text && seconds < Infinity) alarmTimer = setTimeout(() => alarm(""), seconds * 1000);
 }
 
-export const keys = new Map(); // functions by key
+export const keys = new Map(); // function of each key
 export const buttons = {};
 export function addButton(name, text, key, action, isToggle = false) {
   const button = add($("tools"), "button", text, { type: "button", title: `${text} (${key})` });
@@ -242,7 +242,7 @@ function hoverMap(place) {
   setHover(place ? (page.robot.main?.timeNear(x, y, REACH / page.view.scale, timeNow()) ?? null) : null);
 }
 
-/** Connect map, charts, keys and theme. A pose that is drawn on the map calls `onPose` with its kind and the pose. */
+/** Connect map, charts, keys and theme. When the user has drawn a pose on the map, `onPose` is called with kind and pose. */
 export function startPage(onPose = () => {}) {
   addButton("all", "Show all", "0", () => {
     page.view.fit(page.robot);

@@ -5,7 +5,7 @@ import { degrees, lengthText, shown } from "./geometry.js";
 /** Number of events that are kept. The oldest are dropped. */
 export const MAX_EVENTS = 2000;
 
-const MANY = 5; // if there are more cards, a card shows only its verdict, and its lines as a hint
+const MANY = 5; // if there are more cards, a card shows its lines only as a tooltip
 
 /** Append an element with a text and attributes; return it. */
 export function add(parent, tag, text = "", attributes = {}) {
@@ -35,7 +35,7 @@ function fillTable(parent, title, head, rows) {
   }
 }
 
-/** Show the health in words, and a card for each goal and docking; a click on a card shows the time of its end. */
+/** Show the health in words, and a card for each goal and docking; a click on a card shows the time at which the goal ended. */
 export function showResult(parent, robot, onTime) {
   parent.replaceChildren();
   const head = add(parent, "p", "", { class: "health" });
@@ -64,7 +64,7 @@ const FIGURES = [
   ["turns", "revolutions", 2],
 ];
 
-/** Show the table of goals and how they ended; in a comparison goal by goal, with the differences to the first run. */
+/** Show the table of goals and their ends; in a comparison, goal by goal with the differences to the first run. */
 export function showSummary(parent, robots) {
   const isComparison = robots.length > 1;
   const rows = [];
@@ -106,12 +106,12 @@ export function showTopics(parent, topics) {
 export function showDiagnostics(parent, diagnostics) {
   const words = ["ok", "warning", "error", "stale", "ended"];
   const rows = [...diagnostics]
-    .sort((a, b) => (b.level % 4) - (a.level % 4))
+    .sort((a, b) => (b.level % 4) - (a.level % 4)) // ended (4) is sorted like ok (0)
     .map((one) => [one.name, [words[one.level] ?? "unknown", one.level === 2 || one.level === 3 ? "bad" : ""], one.message]);
   fillTable(parent, "Diagnostics", ["node", "level", "message"], rows);
 }
 
-/** The list of events, with a check box for each kind of event that hides it. */
+/** The list of events, with a check box for each kind of event that shows or hides these events. */
 export class EventList {
   constructor(list, filters, onTime) {
     Object.assign(this, { list, filters, onTime, hidden: new Set(), kinds: new Set(), items: [] });
@@ -151,7 +151,7 @@ export class EventList {
     });
   }
 
-  /** Mark the last event before a time. */
+  /** Mark the last event at or before a time. */
   point(time) {
     const last = this.items.findLast((one) => one.time <= time);
     if (last === this.marked) return;
@@ -170,7 +170,7 @@ export function showValues(parent, robot, time) {
   const values = {
     "to goal": lengthText(at("to_goal", "distance")),
     "heading error": shown(degrees(at("to_goal", "heading")), 1, "deg"),
-    "since goal": shown(robot.clockAt(time), 1, "s"),
+    "since goal": shown(robot.sinceGoalAt(time), 1, "s"),
     v: shown(speed.v, 2, "m/s"),
     omega: shown(speed.omega, 2, "rad/s"),
     x: shown(pose?.x, 2, "m"),

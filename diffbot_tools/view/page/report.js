@@ -2,7 +2,7 @@ import { $, goTo, keys, page, redraw, setRobots, startPage } from "./page.js";
 import { add, showResult, showTopics } from "./panels.js";
 import { unpackRobots } from "./store.js";
 
-// The page as a report: its data, and the player.
+// The page of a report: unpacks the data, and plays the recording.
 
 const SPEEDS = [1, 2, 5, 10, 20];
 const RUNS = ["truth", "estimate", "plan"]; // colours of the runs of a comparison
@@ -36,9 +36,9 @@ class Player {
   /** Advance the time for a frame that is drawn at `now` [ms]. */
   step(now) {
     if (!this.isPlaying) return;
-    const passed = this.last === null ? 0 : Math.min(now - this.last, 250) / 1000;
+    const elapsed = this.last === null ? 0 : Math.min(now - this.last, 250) / 1000;
     this.last = now;
-    this.go(this.time + passed * Number($("speed").value));
+    this.go(this.time + elapsed * Number($("speed").value));
     if (this.time >= this.end) this.toggle();
   }
 }

@@ -4,7 +4,7 @@ import { lastAtMost, wrapAngle } from "./geometry.js";
 
 const LIVE_ROWS = 40000;
 const MAX_LANDMARKS = 500;
-const IN_VIEW = 1; // [s] a landmark is in view until this time after a measurement
+const IN_VIEW = 1; // [s] time for which a landmark counts as in view after a measurement
 const SIDES = [["left", -0.5], ["right", 0.5]];
 const MISSING = -2147483648;
 
@@ -23,7 +23,7 @@ export class Curve {
     return this.t.length;
   }
 
-  /** Append a row in the order of the columns; null is a missing number. If there are LIVE_ROWS, drop the older half. */
+  /** Append a row in the order of the columns; null is a missing number. With LIVE_ROWS rows, first drop the older half. */
   append(row) {
     const isNewRun = row[0] < this.t.at(-1); // the time has jumped back
     const dropped = isNewRun ? this.rows : this.rows < LIVE_ROWS ? 0 : LIVE_ROWS / 2;
@@ -34,7 +34,7 @@ export class Curve {
     this.names.forEach((name, index) => this.columns[name].push(row[index] ?? NaN));
   }
 
-  /** Compute the missing rows of the columns left and right: speeds of the wheel rims [m/s]; `track` is the wheel separation [m]. */
+  /** Compute the speeds [m/s] of the rims of both wheels for rows without them; `track` [m] is the wheel separation. */
   addRims(track) {
     const { v, omega } = this.columns;
     if (!v || !omega) return;
@@ -91,7 +91,7 @@ export class Robot {
     (this.curves[curve] ??= new Curve(Object.fromEntries(names.map((name) => [name, []])))).append(row);
   }
 
-  /** Compute the speeds of the rims for the new rows. */
+  /** Compute the speeds of the wheel rims for new rows. */
   derive() {
     const { odometry, truth, command } = this.curves;
     if (this.constants.wheels) for (const one of [odometry, truth, command]) one?.addRims(this.constants.wheels[1]);
@@ -116,12 +116,12 @@ export class Robot {
   }
 
   /** Return the time [s] from the acceptance of the newest goal to its answer or to a time; NaN without a goal. */
-  clockAt(time) {
+  sinceGoalAt(time) {
     const goal = this.goalAt(time);
     return goal ? Math.min(time, goal[4] ?? Infinity) - goal[0] : NaN;
   }
 
-  /** Set the planned path from a time on; no points end the path. */
+  /** Set the planned path from a time on; without points, the path ends. */
   setPlan([time, points]) {
     const rows = points.length ? points : [[NaN, NaN]];
     this.plan = new Curve({ t: rows.map(() => time), x: rows.map(([x]) => x), y: rows.map(([, y]) => y) });
@@ -157,6 +157,7 @@ export class Robot {
   }
 }
 
+/** Unpack a column: sum the differences of its integers, see `pack` in diffbot_tools/view/report.py. */
 function column(bytes, { unit, at }, rows) {
   const values = new Float64Array(rows);
   let sum = 0;
@@ -167,7 +168,7 @@ function column(bytes, { unit, at }, rows) {
   return values;
 }
 
-/** Return the robots of a report; diffbot_tools/view/report.py has packed their columns. */
+/** Return the robots of a report, whose columns diffbot_tools/view/report.py has packed. */
 export async function unpackRobots(data) {
   const packed = Uint8Array.from(atob(data.packed), (letter) => letter.charCodeAt(0));
   const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));

@@ -5,12 +5,12 @@ import { rangeOf } from "./geometry.js";
 const MIN_SCALE = 0.5; // [pixels/m]
 const MAX_SCALE = 5000;
 const MIN_SIZE = 5; // [m] smallest width and height that are shown
-const EDGE = 10; // [pixels] a point closer to the border is out of view
+const EDGE = 10; // [pixels] a point that is closer to the border counts as out of view
 const MIN_DRAG = 8; // [pixels] shortest drag that gives a heading
 
 export class View {
   constructor() {
-    Object.assign(this, { x: 0, y: 0, scale: 60, width: 300, height: 200, follow: false, isOwn: false });
+    Object.assign(this, { x: 0, y: 0, scale: 60, width: 300, height: 200, follow: false, isMoved: false });
   }
 
   /** Return the pixels of a point [m]. */
@@ -28,17 +28,17 @@ export class View {
     this.x -= dx / this.scale;
     this.y += dy / this.scale;
     this.follow = false;
-    this.isOwn = true;
+    this.isMoved = true; // by the user
   }
 
-  /** Zoom about a pixel, which keeps its point [m]. */
+  /** Zoom; the point [m] at the pixel (px, py) keeps its place on the screen. */
   zoom(factor, px = this.width / 2, py = this.height / 2) {
     const [x, y] = this.toWorld(px, py);
     this.scale = Math.min(Math.max(this.scale * factor, MIN_SCALE), MAX_SCALE);
     const [newX, newY] = this.toWorld(px, py);
     this.x += x - newX;
     this.y += y - newY;
-    this.isOwn = true;
+    this.isMoved = true; // by the user
   }
 
   /** Show all paths, goals and landmarks of a robot. */
@@ -58,12 +58,12 @@ export class View {
     const margin = 0.15 * Math.max(width, height) + 0.5;
     const wide = Math.min(this.width / Math.max(width + margin, MIN_SIZE), this.height / Math.max(height + margin, MIN_SIZE));
     this.scale = Math.min(Math.max(wide, MIN_SCALE), MAX_SCALE);
-    this.follow = this.isOwn = false;
+    this.follow = this.isMoved = false;
   }
 
-  /** Show all again if the robot, its goal or its dock has left the view, unless the user has moved the view. */
+  /** If the robot, its goal or its dock is out of view, show all again, unless the user has moved the view. */
   keep(robot, time) {
-    if (this.isOwn || this.follow) return;
+    if (this.isMoved || this.follow) return;
     const [pose, goal] = [robot.main?.poseAt(time), robot.goalAt(time)];
     const points = [...(pose ? [[pose.x, pose.y]] : []), ...(goal ? [[goal[1], goal[2]]] : [])];
     if (robot.dock?.pose) points.push(robot.dock.pose);

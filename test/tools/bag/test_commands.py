@@ -74,7 +74,7 @@ def test_merging_filtered_parts_gives_the_original_bag(bag, tmp_path, run):
 
 def test_an_invalid_cut_is_refused_and_nothing_is_written(bag, tmp_path, run):
     for words, arguments in (
-        ("must select a part of the bag, which contains 1700000000.000", ("trim", bag, "part", "--from", "2s")),
+        ("must select a part of the bag, which lasts from 1700000000.000", ("trim", bag, "part", "--from", "2s")),
         ("must select a part of the bag", ("trim", bag, "part", "--from", "1s", "--to", "0.5s")),
         ("/scan is not in the bag", ("filter", bag, "part", "--topics", "/scan")),
         ("regex", ("filter", bag, "part", "--regex", "(")),

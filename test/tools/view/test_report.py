@@ -118,6 +118,12 @@ def test_a_report_that_cannot_be_made_is_refused_in_one_line(circle, tmp_path, c
     assert list(tmp_path.iterdir()) == [no_pose]
 
 
+def test_the_report_of_a_bag_with_a_dot_in_its_name_has_the_whole_name(tmp_path, capsys):
+    path = view_bags.write(tmp_path / "run.1", view_bags.drive(20))
+    assert cli.main(["report", str(path)]) == 0
+    assert capsys.readouterr().out == f"Report {tmp_path / 'run.1.html'}\n"
+
+
 def bag_with_parameters(folder, parameters):
     channels = {}
     with new_bag(folder) as writer:

@@ -79,7 +79,7 @@ def test_commands_beyond_a_limit_are_an_error():
     card = card_of(drive(2.0, speed=1.01 * TUNED.data_sheet.v_max), "reached", "", "", 6.5)
     level, text = card["lines"][2]
     assert level == ERROR
-    assert text.startswith("BEYOND LIMITS: 1.31 of 1.30 m/s")
+    assert text.startswith("Limits exceeded: 1.31 of 1.30 m/s")
 
 
 def test_a_filter_is_trustworthy_if_its_nees_is_rarely_above_the_bound():
