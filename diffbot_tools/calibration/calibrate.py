@@ -10,8 +10,16 @@ import numpy as np
 
 from diffbot_control.filter.models import BIAS
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
-from diffbot_tools.calibration.events import Array, Events, Mask, averaged, with_error_states
-from diffbot_tools.calibration.fit import Fit, Likelihood, constants_of, fit
+from diffbot_tools.calibration.events import (
+    Array,
+    Events,
+    Mask,
+    averaged,
+    with_error_states,
+    with_noise_of_neighbours,
+    with_noise_of_wheels,
+)
+from diffbot_tools.calibration.fit import Fit, Likelihood, constants_of, fit, joined_constants
 from diffbot_tools.calibration.kernel import NUMBERS, TERM, WHITE, Filtered, Settings, run_events, settings_of
 from diffbot_tools.calibration.quantities import Quantity, quantities_of, search_settings, times_of, with_values
 from diffbot_tools.figures import Consistency, consistency_of
@@ -73,7 +81,7 @@ def calibrate(
     """
     given = settings_of(config)
     settings, quantities = search_settings(given, drives, config), quantities_of(drives, config)
-    coarse = [averaged(one, _PERIOD) for one in drives]
+    coarse = [with_noise_of_neighbours(averaged(one, _PERIOD)) for one in drives]
     train = [_every_other(one) for one in coarse]
     measured, seconds = sum(len(one.measurements.time) for one in drives), sum(one.duration for one in drives)
     on_phase(f"{measured} measurements in {seconds:.0f} s; searching {', '.join(one.name for one in quantities)}")
@@ -86,7 +94,11 @@ def calibrate(
             likelihood, first = _with_correlation(likelihood, first, name, sensor, needed)
     quantities = likelihood.quantities
     on_phase("refining with all measurements; constant errors of wheels and landmarks")
-    likelihood = likelihood._replace(use=[np.ones(len(one.measurements.time), dtype=bool) for one in coarse])
+    wheels, _ = joined_constants(likelihood, first.values)
+    likelihood = likelihood._replace(
+        drives=[with_noise_of_wheels(one, wheels[:3], settings.options.separation) for one in likelihood.drives],
+        use=[np.ones(len(one.measurements.time), dtype=bool) for one in coarse],
+    )
     found = fit(likelihood, [first.values])
     ends = likelihood.filtered(found.values)
     on_phase("judging on the half that was held out")

@@ -10,14 +10,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import convolve1d
 
 from diffbot_control.filter.config import sources_of
 from diffbot_control.filter.measurement import FIXES, HEADINGS, LANDMARKS, GyroSample, Key, Measurement
-from diffbot_control.filter.models import HEADING, LANDMARK, POSE_FIX, is_fix
+from diffbot_control.filter.models import HEADING, LANDMARK, POSE_FIX, WHEELS, is_fix, with_wheel_errors
 from diffbot_control.filter.odometry import OdometryStep
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.errors import BadMessageError, DiffbotError
 from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import Twist
 from diffbot_core.stamps import S_PER_NS
 from diffbot_tools.refilter import Answer, FilterRun
 
@@ -40,6 +42,8 @@ _MAX_RATE_GAP = 5.0
 """Periods of a gyro without a sample, beyond which nothing is known of the turn rate."""
 _NO_RATE, UNKNOWN_RATE = 1e6, 1.0
 """[rad^2/s^2] variance of a turn rate in such a gap; one that is larger than the second is not known"""
+_NEIGHBOURS = np.array((1.0, 1.0, 1.0, 0.0, 1.0, 1.0, 1.0)) / 6.0
+"""Weights of the messages before and after a message, for the noise of the message."""
 _BY_HAND = ""
 """Source of a pose that was set by hand."""
 
@@ -55,6 +59,9 @@ class Odometry(NamedTuple):
     """(n, 2) v [m/s], omega [rad/s]"""
     covariance: Array
     """(n, 3) of v, of both, of omega; all zero: unknown"""
+    smooth: Array
+    """(n, 2) twists from which noise and derivatives follow; equal to ``twist`` before :func:`with_noise_of_neighbours`
+    """
 
 
 class Rates(NamedTuple):
@@ -234,11 +241,13 @@ class EventReader(FilterRun):
 
 
 def _odometry(segments: list[tuple[int, OdometryStep]], zero: int) -> Odometry:
+    twist = np.array([one.twist for _, one in segments], dtype=np.float64)
     return Odometry(
         np.array([(start - zero) * S_PER_NS for start, _ in segments]),
         np.array([(one.stamp - zero) * S_PER_NS for _, one in segments]),
-        np.array([one.twist for _, one in segments], dtype=np.float64),
+        twist,
         np.array([one.covariance for _, one in segments], dtype=np.float64),
+        twist,
     )
 
 
@@ -315,7 +324,7 @@ def averaged(events: Events, period: float) -> Events:
 
     A message longer than that stays as it is. The covariance becomes that of the mean of independent errors.
     """
-    start, end, twist, covariance = events.odometry
+    start, end, twist, covariance, _ = events.odometry
     # A new group begins with the message that would make the present one too long.
     first = [0]
     for index in range(1, len(start)):
@@ -327,4 +336,31 @@ def averaged(events: Events, period: float) -> Events:
     whole = (end[last] - start[at])[:, None]
     mean = np.add.reduceat(twist * dt, at) / whole
     joint = np.add.reduceat(covariance * dt * dt, at) / (whole * whole)
-    return events._replace(odometry=Odometry(start[at], end[last], mean, joint))
+    return events._replace(odometry=Odometry(start[at], end[last], mean, joint, mean))
+
+
+def with_noise_of_neighbours(events: Events) -> Events:
+    """Let the noise of each odometry message, and the derivatives at its twist, follow from its neighbours.
+
+    The error of an encoder often grows with the speed. A message that measures too large a speed then also has too
+    large a variance or derivative. The resulting bias of the wheel radii is about the variance of the relative error,
+    which may exceed the standard deviation of the radii in a long drive. Neighbours have independent errors.
+    """
+    odometry = events.odometry
+    covariance, smooth = (
+        convolve1d(one, _NEIGHBOURS, axis=0, mode="nearest") for one in (odometry.covariance, odometry.twist)
+    )
+    return events._replace(odometry=odometry._replace(covariance=covariance, smooth=smooth))
+
+
+def with_noise_of_wheels(events: Events, wheel_errors: Array, separation: float) -> Events:
+    """Convert the covariances of odometry messages to the twists that wheels with ``wheel_errors`` (3,) really had.
+
+    A message claims the errors of the twist that it contains. The twist of wheels that are larger has larger errors.
+    ``separation`` is the configured separation of the wheels [m].
+    """
+    x = np.concatenate((np.zeros(WHEELS), wheel_errors))
+    J = np.array([with_wheel_errors(one, x, separation) for one in (Twist(1.0, 0.0), Twist(0.0, 1.0))]).T
+    covariance = events.odometry.covariance
+    joint = J @ covariance[:, [[0, 1], [1, 2]]] @ J.T
+    return events._replace(odometry=events.odometry._replace(covariance=joint[:, (0, 0, 1), (0, 1, 1)]))

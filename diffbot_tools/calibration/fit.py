@@ -172,17 +172,17 @@ def constants_of(likelihood: Likelihood, found: Fit) -> tuple[Array, Array]:
 
     Each drive starts from the same prior. Their results are joined by information, and the prior is counted once.
     """
-    mean, P = _joined(likelihood, found.values)
+    mean, P = joined_constants(likelihood, found.values)
     J = np.zeros((len(_STATES), len(found.values)))
     for index in np.flatnonzero(found.covariance.diagonal() > 0.0):
         step = np.zeros(len(found.values))
         step[index] = size = _step(likelihood.quantities[index])
-        ahead, behind = (_joined(likelihood, found.values + sign * step)[0] for sign in (1.0, -1.0))
+        ahead, behind = (joined_constants(likelihood, found.values + sign * step)[0] for sign in (1.0, -1.0))
         J[:, index] = (ahead - behind) / (2.0 * size)
     return mean, P + J @ found.covariance @ J.T
 
 
-def _joined(likelihood: Likelihood, values: Array) -> tuple[Array, Array]:
+def joined_constants(likelihood: Likelihood, values: Array) -> tuple[Array, Array]:
     """Return mean (6,) and covariance (6, 6) of the constant states with these values (q,) of the quantities."""
     options = likelihood.settings.options
     mean, variances = (np.array(one)[_STATES - WHEELS] for one in (options.errors, options.variances))

@@ -43,6 +43,8 @@ from diffbot_tools.calibration.events import RESET, STATES, UNKNOWN_RATE, Array,
 NUMBERS, TERM, RATES, WHITE, COLUMNS = 0, 1, 2, 3, 6
 """Columns of the result: count of numbers; log likelihood; log likelihood of the turn rates since the measurement
 before; whitened innovation (3)."""
+MAX_DELAY = 0.6
+"""[s] largest dead time of the odometry in the search"""
 _LOG_2PI = math.log(2.0 * math.pi)
 _NANO = 1e-9
 """[s] Times that differ by less are equal."""
@@ -130,16 +132,18 @@ def run_events(events: Events, settings: Settings) -> Filtered:
 def _turn_rates(events: Events, settings: Settings) -> Array:
     """Return the mean turn rate [rad/s] of the gyro over each odometry message, and its variance times the duration.
 
-    The variance times the duration of the message [rad^2/s] is inf where the turn rate was not measured.
+    The variance times the duration of the message [rad^2/s] is inf where the turn rate was not measured. Which turn
+    rates are used does not depend on the delay: otherwise the likelihood would have a step where a delay adds one.
     """
     (start, end, *_), (time, angle, variance) = events.odometry, events.rates
     found = np.full((len(end), 2), (0.0, math.inf))
     if len(time) > 0:
-        # The first message acts before its start, too.
-        begin, stop = np.append(0.0, start[1:] + settings.delay), end + settings.delay
+        begin, stop = start + settings.delay, end + settings.delay
         dt = stop - begin
         sums = [np.interp(stop, time, one) - np.interp(begin, time, one) for one in (angle, variance)]
-        known = (begin > time[0] - _NANO) & (stop < time[-1] + _NANO) & (sums[1] < UNKNOWN_RATE * dt**2)
+        inside = (start > time[0] - _NANO) & (end + max(settings.delay, MAX_DELAY) < time[-1] + _NANO)
+        known = inside & (sums[1] < UNKNOWN_RATE * dt**2)
+        known[0] = False  # The first message also acts before its start, where the robot moved differently.
         found[known] = np.column_stack((sums[0] / dt, settings.gyro_factor**2 * sums[1] / dt))[known]
     return found
 
@@ -257,7 +261,10 @@ def _advance(
             duration, figures = whole - now, np.zeros(COLUMNS)
             motion = _motion_of(odometry, message, duration, TurnRate(rate, variance / duration), 0.0, s)
             found = rate_expectation(x, motion, s.options.separation)
-            expected = Expected(np.array((found.y,)), found.H, np.array(((found.variance,),)))
+            # The errors of message and gyro are not in the derivatives.
+            smooth = Motion(_twist(odometry.smooth[message]), duration, motion.covariance, TurnRate(0.0, math.inf), 0.0)
+            H = rate_expectation(x, smooth, s.options.separation).H
+            expected = Expected(np.array((found.y,)), H, np.array(((found.variance,),)))
             beyond = _take(x, P, expected, 1.0, s, figures) > s.options.gates[0]
             rated, slip = message, math.sqrt(duration) * found.y if beyond else 0.0
             log_likelihood += float(figures[TERM])
@@ -270,12 +277,16 @@ def _advance(
 
 def _motion_of(odometry: Odometry, index: int, dt: float, rate: TurnRate, slip: float, s: Settings) -> Motion:
     """Return the motion of ``dt`` [s] of an odometry message whose turn rate is contradicted by ``slip`` [rad/s]."""
-    twist, row = Twist(odometry.twist[index, 0], odometry.twist[index, 1]), odometry.covariance[index]
+    row = odometry.covariance[index]
     if s.by_message and (row[0] != 0.0 or row[1] != 0.0 or row[2] != 0.0):
         share = (odometry.end[index] - odometry.start[index]) / dt
         given, lateral = TwistCovariance(row[0], row[1], row[2]), 0.0
         covariance = scale_twist_covariance(given, share * s.odometry_covariance_scale)
     else:
-        covariance, lateral = motion_noise(twist, dt, s.densities)
+        covariance, lateral = motion_noise(_twist(odometry.smooth[index]), dt, s.densities)
     covariance = add_twist_covariance(covariance, slip_covariance(slip, s.options.separation))
-    return Motion(twist, dt, covariance, rate, lateral)
+    return Motion(_twist(odometry.twist[index]), dt, covariance, rate, lateral)
+
+
+def _twist(row: Array) -> Twist:
+    return Twist(float(row[0]), float(row[1]))

@@ -19,13 +19,11 @@ from diffbot_tools.calibration.events import (
     Array,
     Events,
 )
-from diffbot_tools.calibration.kernel import Settings
+from diffbot_tools.calibration.kernel import MAX_DELAY, Settings
 
 _DOWN, _SPREAD = 0.2, 3.0
 """Prior deviations of the logarithm of a noise or a time. The first one holds for noise of the motion below the given
 one if landmarks are the only measurements: errors of the map repeat, which looks like good odometry."""
-MAX_DELAY = 0.6
-"""[s]"""
 _MAX_LOG, _MAX_FACTOR_LOG = math.log(1e5), math.log(30.0)
 CONSTANTS = {
     "left_radius_error": WHEELS,
