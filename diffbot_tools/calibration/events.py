@@ -1,4 +1,4 @@
-"""A recorded drive as the arrays that the likelihood of its innovations needs, in the order of the stamps."""
+"""Convert a recorded drive to arrays in the order of the stamps, for the likelihood of its innovations."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ FIX_SENSOR, HEADING_SENSOR, LANDMARK_SENSOR, FURTHER_SENSORS = 0, 1, 2, 3
 STATES = 10
 """Number of states of the filter with all errors; errors of single sources come after them."""
 MIN_MEASUREMENTS, MIN_DURATION = 30, 10.0
-"""A drive with fewer measurements, or shorter than this [s], determines nothing."""
+"""A drive with fewer measurements or a shorter duration [s] is refused."""
 _MAX_GAP = 1000.0
-"""[s] between two odometry messages; the filter would start again"""
+"""[s] After a longer gap between two odometry messages the filter restarts."""
 _MAX_ERRORS = 32
-"""Errors of sources that can be states."""
+"""Largest number of states for the errors of sources."""
 _MAX_RATE_GAP = 5.0
-"""Periods of a gyro without a sample, beyond which nothing is known of the turn rate."""
+"""The turn rate is unknown during a gap of more than this many periods of the gyro."""
 _NO_RATE, UNKNOWN_RATE = 1e6, 1.0
-"""[rad^2/s^2] variance of a turn rate in such a gap; one that is larger than the second is not known"""
+"""[rad^2/s^2] Variance of the turn rate in such a gap, and the variance above which a turn rate is unknown."""
 _NEIGHBOURS = np.array((1.0, 1.0, 1.0, 0.0, 1.0, 1.0, 1.0)) / 6.0
 """Weights of the messages before and after a message, for the noise of the message."""
 _BY_HAND = ""
@@ -65,7 +65,7 @@ class Odometry(NamedTuple):
 
 
 class Rates(NamedTuple):
-    """Turn rates of a gyro, summed up: what a sample says is said of the time since the sample before."""
+    """Integrated turn rates of a gyro; each sample is the mean turn rate since the previous sample."""
 
     time: Array
     """(g,) [s]"""
@@ -117,10 +117,10 @@ class Events(NamedTuple):
 
 
 class Collector:
-    """Replaces a localization and keeps its input; refuses what the filter would drop."""
+    """Replaces a localization: keeps its input, and refuses messages that the filter would drop."""
 
     def __init__(self, sources: Sequence[str] = (FIXES, HEADINGS, LANDMARKS)) -> None:
-        """Start without a pose; ``sources`` are those of :func:`sources_of`."""
+        """Create an empty collector for the ``sources`` returned by :func:`sources_of`."""
         self._sources = list(sources)
         self.rates: list[GyroSample] = []
         self.segments: list[tuple[int, OdometryStep]] = []
@@ -197,7 +197,12 @@ class Collector:
         self.measured.append(measurement)
 
     def events(self, name: str, until: float = math.inf, reasons: str = "") -> Events:
-        """Return what was collected in the first ``until`` [s]; ``reasons`` why messages were dropped, for an error.
+        """Return the collected events of the first ``until`` [s].
+
+        Args:
+            name: name of the drive, for error messages.
+            until: length [s] of the drive to use.
+            reasons: why messages were dropped, for error messages.
 
         Raises:
             DiffbotError: if the drive is too short to determine anything.
@@ -223,7 +228,7 @@ class Collector:
 
 
 class EventReader(FilterRun):
-    """Converts recorded messages as the filter does, and keeps them."""
+    """Collects the events of recorded messages, which it converts as the filter does."""
 
     def __init__(self, config: EkfNodeConfig, topics: dict[str, str]) -> None:
         """Start empty; arguments as of the base class."""
@@ -235,7 +240,7 @@ class EventReader(FilterRun):
         return None
 
     def events(self, name: str, until: float = math.inf) -> Events:
-        """Return what was collected in the first ``until`` [s]; see :meth:`Collector.events`."""
+        """Return the events of the first ``until`` [s]; see :meth:`Collector.events`."""
         found: Events = self.localization.events(name, until, self.reasons())
         return found
 
@@ -252,7 +257,7 @@ def _odometry(segments: list[tuple[int, OdometryStep]], zero: int) -> Odometry:
 
 
 def _rates(samples: list[GyroSample], zero: int) -> Rates:
-    """Sum up samples, of which those with equal stamps but the last are ignored."""
+    """Integrate the samples; of samples with equal stamps, use the last."""
     rows = {one.stamp: (one.rate, one.variance) for one in samples}
     stamps = sorted(rows)
     time = np.array([(one - zero) * S_PER_NS for one in stamps])
@@ -287,14 +292,15 @@ def _measurements(
 
 
 def with_error_states(events: Events, sensors: set[int]) -> Events:
-    """Make the errors of these sensors states of the filter; of landmarks, only the errors of those measured last.
+    """Make the errors of these sensors states of the filter.
 
-    A landmark whose range or bearing is missing now and then counts as one source for each kind of its measurements.
+    If there are more landmarks than states, the states are the errors of the landmarks that were measured last. A
+    landmark with measurements of different kinds counts as one source for each kind.
     """
     measured = events.measurements
     slot, gap = np.full_like(measured.slot, -1), np.full_like(measured.gap, np.inf)
     indices = np.flatnonzero(np.isin(measured.sensor, list(sensors))).tolist()
-    # The others first: they stay. A landmark replaces the one that was not measured for the longest time.
+    # Landmarks come last: a landmark may replace the landmark that was not measured for the longest time.
     indices.sort(key=lambda index: measured.kind[index] >= LANDMARK)
     slots: tuple[dict[Any, int], dict[Any, int]] = {}, {}
     newest: dict[Any, float] = {}

@@ -1,8 +1,8 @@
-"""The filter over the arrays of a drive, with the log likelihood of each measurement; compiled.
+"""Run the compiled filter over the arrays of a drive and compute the log likelihood of each measurement.
 
 Motion, expected measurements and corrections are those of :mod:`diffbot_control.filter`, compiled as in the simulation.
-The first ten states are the filter's states with all errors. After them come the errors of single sources, which are
-states where they are correlated in time.
+The first ten states are the states of the filter with all errors. They are followed by the time-correlated errors of
+single sources.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ class Filtered(NamedTuple):
 
 
 class _Progress(NamedTuple):
-    """How far the odometry has moved the filter."""
+    """Progress of the filter through the odometry."""
 
     now: float
     """[s]"""
@@ -186,11 +186,11 @@ def _run_filter(events: Events, rates: Array, x: Array, P: Array, result: Array,
             _renew_errors(x, P, expected, slot, math.exp(-max(float(measured.gap[k]), _MIN_DT) / s.times[sensor]))
         elif accepted[source] > -math.inf:
             inflation = inflation_after(now - accepted[source], s.times[sensor])
-        if _take(x, P, expected, inflation, s, result[k]) <= s.options.gates[m - 1]:
+        if _fuse(x, P, expected, inflation, s, result[k]) <= s.options.gates[m - 1]:
             accepted[source] = now
 
 
-def _take(x: Array, P: Array, expected: Expected, inflation: float, s: Settings, figures: Array) -> float:
+def _fuse(x: Array, P: Array, expected: Expected, inflation: float, s: Settings, figures: Array) -> float:
     """Correct with a measurement, write its figures (COLUMNS,) and return its NIS.
 
     Beyond the gate the gain is multiplied by gate / NIS, and the NIS in the likelihood is gate (1 + ln(NIS / gate)),
@@ -212,7 +212,7 @@ def _take(x: Array, P: Array, expected: Expected, inflation: float, s: Settings,
 
 
 def _start_errors(P: Array, R: Array, slot: int) -> None:
-    """Set the states from ``slot`` on to the error of the fix that reset the pose, of covariance ``R`` (3, 3)."""
+    """Initialise the states from ``slot`` on with the error of the fix that reset the pose, of covariance R (3, 3)."""
     for i in range(3):
         for j in range(3):
             P[slot + i, slot + j] = R[i, j]
@@ -220,9 +220,10 @@ def _start_errors(P: Array, R: Array, slot: int) -> None:
 
 
 def _renew_errors(x: Array, P: Array, expected: Expected, slot: int, c: float) -> None:
-    """Put the error of a measurement into the states from ``slot`` on, where ``c`` of the last error remains.
+    """Predict the states of the errors of a source, and express a measurement by them.
 
-    R becomes the variance of these states. The measurement has no further error.
+    Each new error is ``c`` times the previous error plus an independent part, so that its covariance stays R. The
+    states begin at ``slot``. The measurement has no other error, so its R becomes zero.
     """
     y, H, R = expected
     m = len(y)
@@ -265,7 +266,7 @@ def _advance(
             smooth = Motion(_twist(odometry.smooth[message]), duration, motion.covariance, TurnRate(0.0, math.inf), 0.0)
             H = rate_expectation(x, smooth, s.options.separation).H
             expected = Expected(np.array((found.y,)), H, np.array(((found.variance,),)))
-            beyond = _take(x, P, expected, 1.0, s, figures) > s.options.gates[0]
+            beyond = _fuse(x, P, expected, 1.0, s, figures) > s.options.gates[0]
             rated, slip = message, math.sqrt(duration) * found.y if beyond else 0.0
             log_likelihood += float(figures[TERM])
         dt = end - now

@@ -1,4 +1,4 @@
-"""The 95 % intervals that a calibration states contain the true values, for each quantity."""
+"""The 95 % intervals of a calibration contain the true values, for each quantity."""
 
 import math
 from collections import defaultdict
@@ -20,7 +20,7 @@ SETUPS = (Sensors(), {}), (Sensors(second=5, gyro=True), {"pose_sources": [SECON
 
 
 def deviations_of(seed):
-    """Return the error of each number of one drive, over the standard deviation that the calibration states."""
+    """Return the error of each quantity, divided by the standard deviation that the calibration reports."""
     left, right, separation = np.random.default_rng([seed, 1]).choice((-1.0, 1.0), 3) * (0.03, 0.03, 0.05)
     sensors, parameters = SETUPS[seed % 2]
     events = events_of(record(Errors(left, right, separation, DELAY, NOISE), seed, SECONDS, sensors))
