@@ -60,8 +60,7 @@ class Odometry(NamedTuple):
     covariance: Array
     """(n, 3) of v, of both, of omega; all zero: unknown"""
     smooth: Array
-    """(n, 2) twists from which noise and derivatives follow; equal to ``twist`` before :func:`with_noise_of_neighbours`
-    """
+    """(n, 2) twists from which noise and derivatives follow, see :func:`with_noise_of_neighbours`; (0, 2): ``twist``"""
 
 
 class Rates(NamedTuple):
@@ -246,13 +245,12 @@ class EventReader(FilterRun):
 
 
 def _odometry(segments: list[tuple[int, OdometryStep]], zero: int) -> Odometry:
-    twist = np.array([one.twist for _, one in segments], dtype=np.float64)
     return Odometry(
         np.array([(start - zero) * S_PER_NS for start, _ in segments]),
         np.array([(one.stamp - zero) * S_PER_NS for _, one in segments]),
-        twist,
+        np.array([one.twist for _, one in segments], dtype=np.float64),
         np.array([one.covariance for _, one in segments], dtype=np.float64),
-        twist,
+        np.zeros((0, 2)),
     )
 
 
@@ -342,7 +340,7 @@ def averaged(events: Events, period: float) -> Events:
     whole = (end[last] - start[at])[:, None]
     mean = np.add.reduceat(twist * dt, at) / whole
     joint = np.add.reduceat(covariance * dt * dt, at) / (whole * whole)
-    return events._replace(odometry=Odometry(start[at], end[last], mean, joint, mean))
+    return events._replace(odometry=Odometry(start[at], end[last], mean, joint, np.zeros((0, 2))))
 
 
 def with_noise_of_neighbours(events: Events) -> Events:

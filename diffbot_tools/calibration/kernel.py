@@ -55,7 +55,7 @@ compiled = functools.cache(compile_kernel)
 
 
 class Settings(NamedTuple):
-    """Numbers of a filter; deviations are factors on those in the events."""
+    """Settings of a filter. Sensor noise is a factor on the standard deviations in the events."""
 
     options: Options
     """with all ten states; fixes beyond the gate are weighted, too, and the errors of the wheels are never reset"""
@@ -262,9 +262,11 @@ def _advance(
             duration, figures = whole - now, np.zeros(COLUMNS)
             motion = _motion_of(odometry, message, duration, TurnRate(rate, variance / duration), 0.0, s)
             found = rate_expectation(x, motion, s.options.separation)
-            # The errors of message and gyro are not in the derivatives.
-            smooth = Motion(_twist(odometry.smooth[message]), duration, motion.covariance, TurnRate(0.0, math.inf), 0.0)
-            H = rate_expectation(x, smooth, s.options.separation).H
+            H = found.H
+            if len(odometry.smooth) > 0:
+                # These derivatives contain neither the error of the message nor the error of the gyro.
+                smooth = Motion(_smooth(odometry, message), duration, motion.covariance, TurnRate(0.0, math.inf), 0.0)
+                H = rate_expectation(x, smooth, s.options.separation).H
             expected = Expected(np.array((found.y,)), H, np.array(((found.variance,),)))
             beyond = _fuse(x, P, expected, 1.0, s, figures) > s.options.gates[0]
             rated, slip = message, math.sqrt(duration) * found.y if beyond else 0.0
@@ -278,16 +280,18 @@ def _advance(
 
 def _motion_of(odometry: Odometry, index: int, dt: float, rate: TurnRate, slip: float, s: Settings) -> Motion:
     """Return the motion of ``dt`` [s] of an odometry message whose turn rate is contradicted by ``slip`` [rad/s]."""
-    row = odometry.covariance[index]
+    twist, row = Twist(odometry.twist[index, 0], odometry.twist[index, 1]), odometry.covariance[index]
     if s.by_message and (row[0] != 0.0 or row[1] != 0.0 or row[2] != 0.0):
         share = (odometry.end[index] - odometry.start[index]) / dt
         given, lateral = TwistCovariance(row[0], row[1], row[2]), 0.0
         covariance = scale_twist_covariance(given, share * s.odometry_covariance_scale)
     else:
-        covariance, lateral = motion_noise(_twist(odometry.smooth[index]), dt, s.densities)
+        covariance, lateral = motion_noise(_smooth(odometry, index), dt, s.densities)
     covariance = add_twist_covariance(covariance, slip_covariance(slip, s.options.separation))
-    return Motion(_twist(odometry.twist[index]), dt, covariance, rate, lateral)
+    return Motion(twist, dt, covariance, rate, lateral)
 
 
-def _twist(row: Array) -> Twist:
-    return Twist(float(row[0]), float(row[1]))
+def _smooth(odometry: Odometry, index: int) -> Twist:
+    """Return the twist from which noise and derivatives of an odometry message follow."""
+    source = odometry.smooth if len(odometry.smooth) > 0 else odometry.twist
+    return Twist(source[index, 0], source[index, 1])

@@ -174,7 +174,7 @@ def test_an_acceleration_limit_is_found_and_does_not_add_to_the_dead_time():
         state = plant_step(state, delayed_command(record, k, held, dead, t_s), noise[:, k], plant)
         twists.append(body_twist(state.encoder, plant.wheels))
     end, twists = t_s * np.arange(1, 3001), np.array(twists)
-    odometry = Odometry(end - t_s, end, twists, np.zeros((3000, 3)), twists)
+    odometry = Odometry(end - t_s, end, twists, np.zeros((3000, 3)), np.zeros((0, 2)))
     found = latency_of(np.array(commands), odometry, 0.0)
     assert found.dead_time == pytest.approx(dead, abs=0.02)
     assert found.time_constant == pytest.approx(lag, abs=0.02)
@@ -243,7 +243,7 @@ CASES = {
     ),
     "landmarks alone": ({"odometry_covariance_scale": 4.0, **LANDMARKS}, 10**6, 1e-9),
 }
-"""Parameters; use every n-th fix; tolerance. Up to the first message, the kernel makes one step and the filter several."""
+"""Parameters; use every n-th fix; tolerance. Up to the first message, the kernel makes one step, the filter several."""
 
 
 @pytest.mark.parametrize("case", CASES)
