@@ -1,4 +1,4 @@
-"""A calibration: fitted on every other minute, judged on the minutes between, then fitted on all of them."""
+"""Calibrate a robot: fit every other minute, evaluate the fit on the minutes between, then fit all minutes."""
 
 from __future__ import annotations
 
@@ -10,8 +10,16 @@ import numpy as np
 
 from diffbot_control.filter.models import BIAS
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
-from diffbot_tools.calibration.events import Array, Events, Mask, averaged, with_error_states
-from diffbot_tools.calibration.fit import Fit, Likelihood, constants_of, fit
+from diffbot_tools.calibration.events import (
+    Array,
+    Events,
+    Mask,
+    averaged,
+    with_error_states,
+    with_noise_of_neighbours,
+    with_noise_of_wheels,
+)
+from diffbot_tools.calibration.fit import Fit, Likelihood, constants_of, fit, joined_constants
 from diffbot_tools.calibration.kernel import NUMBERS, TERM, WHITE, Filtered, Settings, run_events, settings_of
 from diffbot_tools.calibration.quantities import Quantity, quantities_of, search_settings, times_of, with_values
 from diffbot_tools.figures import Consistency, consistency_of
@@ -19,19 +27,19 @@ from diffbot_tools.figures import Consistency, consistency_of
 _PERIOD = 0.05
 """[s] over which odometry is averaged in the search"""
 _BLOCK, _MIN_BLOCKS = 60.0, 6
-"""[s] length of the held-out parts, shorter if a drive would have fewer than this"""
+"""[s] Length of each held-out part, and the smallest number of parts. A shorter drive has shorter parts."""
 _GAIN = 3.0
-"""Log likelihood that correlated errors of a sensor must gain to be accepted."""
+"""A model with time-correlated errors is accepted if it increases the log likelihood by this."""
 _LONGEST = 100.0
 """[s] longest correlation time that is searched"""
 _PERIODS = (0.5, 2.0, 8.0)
 """Correlation times from which the search starts, in periods of the sensor."""
 _STARTS = ((None, 0.0), (0.15, 2.0), (0.3, 5.0))
-"""[s] and in logarithms: delay (None: as given) and more noise from which the search starts."""
+"""Starts of the search: delay [s] (None: the given delay) and increase of the logarithms of the noise."""
 
 
-class Judged(NamedTuple):
-    """Innovations of the held-out parts."""
+class HeldOutFigures(NamedTuple):
+    """Figures of the innovations of the held-out parts."""
 
     log_likelihood: float
     """per measured number"""
@@ -50,11 +58,11 @@ class Calibration(NamedTuple):
     constants_covariance: Array
     """(6, 6)"""
     biases: list[tuple[float, float]]
-    """of the gyro at the end of each drive that has one, and its deviation [rad/s]"""
+    """bias of the gyro at the end of each drive with a gyro, and its standard deviation [rad/s]"""
     settings: Settings
     """of the search, at the given values, with the priors of the constant states"""
-    before: Judged
-    after: Judged
+    before: HeldOutFigures
+    after: HeldOutFigures
 
 
 def calibrate(
@@ -73,7 +81,7 @@ def calibrate(
     """
     given = settings_of(config)
     settings, quantities = search_settings(given, drives, config), quantities_of(drives, config)
-    coarse = [averaged(one, _PERIOD) for one in drives]
+    coarse = [with_noise_of_neighbours(averaged(one, _PERIOD)) for one in drives]
     train = [_every_other(one) for one in coarse]
     measured, seconds = sum(len(one.measurements.time) for one in drives), sum(one.duration for one in drives)
     on_phase(f"{measured} measurements in {seconds:.0f} s; searching {', '.join(one.name for one in quantities)}")
@@ -86,10 +94,14 @@ def calibrate(
             likelihood, first = _with_correlation(likelihood, first, name, sensor, needed)
     quantities = likelihood.quantities
     on_phase("refining with all measurements; constant errors of wheels and landmarks")
-    likelihood = likelihood._replace(use=[np.ones(len(one.measurements.time), dtype=bool) for one in coarse])
+    wheels, _ = joined_constants(likelihood, first.values)
+    likelihood = likelihood._replace(
+        drives=[with_noise_of_wheels(one, wheels[:3], settings.options.separation) for one in likelihood.drives],
+        use=[np.ones(len(one.measurements.time), dtype=bool) for one in coarse],
+    )
     found = fit(likelihood, [first.values])
     ends = likelihood.filtered(found.values)
-    on_phase("judging on the half that was held out")
+    on_phase("evaluating the half that was held out")
     held_out, found_settings = [~one for one in train], with_values(settings, quantities, first.values)
     after = [run_events(with_error_states(one, _sensors(quantities)), found_settings) for one in drives]
     return Calibration(
@@ -99,8 +111,8 @@ def calibrate(
         *constants_of(likelihood, found),
         [(float(one.x[BIAS]), math.sqrt(one.P[BIAS, BIAS])) for one in ends if one.P[BIAS, BIAS] > 0.0],
         settings,
-        _judge(drives, [run_events(one, given) for one in drives], held_out),
-        _judge(drives, after, held_out),
+        _held_out_figures(drives, [run_events(one, given) for one in drives], held_out),
+        _held_out_figures(drives, after, held_out),
     )
 
 
@@ -112,7 +124,7 @@ def _every_other(events: Events) -> Mask:
 
 
 def _start(quantities: list[Quantity], delay: float | None, noise: float) -> Array:
-    """Return values (q,) from which the search starts; deviations of sensors change less than noise of the motion."""
+    """Return the values (q,) from which the search starts; sensor noise is increased less than motion noise."""
     start = np.array([one.start + (noise if one.logarithmic else 0.0) for one in quantities])
     for index, one in enumerate(quantities):
         if one.field == "factors":
@@ -128,7 +140,10 @@ def _sensors(quantities: list[Quantity]) -> set[int]:
 
 
 def _with_correlation(white: Likelihood, first: Fit, name: str, sensor: int, needed: float) -> tuple[Likelihood, Fit]:
-    """Fit with time-correlated errors of a sensor, if the log likelihood gains what is ``needed``."""
+    """Fit a model with time-correlated errors of a sensor.
+
+    Return the given model and its fit if the log likelihood increases by less than ``needed``.
+    """
     gaps = np.concatenate([with_error_states(one, {sensor}).measurements.gap for one in white.drives])
     gaps = gaps[np.isfinite(gaps) & (gaps > 0.0)]
     if not gaps.size:
@@ -147,8 +162,11 @@ def _with_correlation(white: Likelihood, first: Fit, name: str, sensor: int, nee
     return (likelihood, found) if first.cost - found.cost >= needed else (white, first)
 
 
-def _judge(drives: list[Events], filtered: list[Filtered], use: list[Mask]) -> Judged:
-    """Return the figures of the measurements in ``use``; sources of different drives or kinds are not paired."""
+def _held_out_figures(drives: list[Events], filtered: list[Filtered], use: list[Mask]) -> HeldOutFigures:
+    """Return the figures of the measurements in ``use``.
+
+    Only innovations of one drive, source and kind are compared with their predecessor.
+    """
     rows, sources = [], []
     for drive, (events, one, mask) in enumerate(zip(drives, filtered, use, strict=True)):
         index = np.flatnonzero(mask & (one.result[:, NUMBERS] > 0.0))
@@ -158,4 +176,4 @@ def _judge(drives: list[Events], filtered: list[Filtered], use: list[Mask]) -> J
     every, (_, source) = np.concatenate(rows), np.unique(np.concatenate(sources), axis=0, return_inverse=True)
     numbers = every[:, NUMBERS]
     log_likelihood = float(every[:, TERM].sum() / max(numbers.sum(), 1.0))
-    return Judged(log_likelihood, consistency_of(every[:, WHITE:], numbers, source.reshape(-1)))
+    return HeldOutFigures(log_likelihood, consistency_of(every[:, WHITE:], numbers, source.reshape(-1)))

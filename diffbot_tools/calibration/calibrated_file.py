@@ -1,4 +1,4 @@
-"""The parameter file of a calibration: the given file with the values that were found; everything else stays."""
+"""Write the values of a calibration into the text of the given parameter file and keep everything else."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from diffbot_core.errors import DiffbotError, shown
 from diffbot_core.files import read_text
 from diffbot_core.schema import to_dict
 from diffbot_core.yaml_files import MAX_BYTES, PARAMETERS, WILDCARDS
-from diffbot_tools.calibration.latency import Latency
-from diffbot_tools.calibration.parameters import Outcome
+from diffbot_tools.calibration.latency import LatencyEstimate
+from diffbot_tools.calibration.parameters import CalibrationResult
 from diffbot_tools.parameter_file import EKF
 
 _CONTROLLER = "controller"
@@ -28,14 +28,16 @@ _MARKED = re.compile(r"(; |# ?)calibrated\b.*")
 """note of an earlier calibration behind a value"""
 _HEAD = re.compile(r"# Calibrated from .* by diffbot calibrate\.\n")
 _SAME = 5e-4
-"""relative difference of two values that the four digits of a calibration cannot tell apart"""
+"""Values with a smaller relative difference are equal, because a calibration has four digits."""
 _WIDTH = 2**20
-"""longest line [characters], so that no line is broken"""
+"""[characters] width of a line, large enough that no line is wrapped"""
 _Maps = tuple[CommentedMap, ...]
 """A map inside others, the outermost first."""
 
 
-def calibrated_file(path: Path, config: EkfNodeConfig, outcome: Outcome, latency: Latency | None, head: str) -> str:
+def calibrated_file(
+    path: Path, config: EkfNodeConfig, result: CalibrationResult, latency: LatencyEstimate | None, head: str
+) -> str:
     """Return the text of a parameter file with the values that were found.
 
     A value is replaced where the file has it, in the section that counts for its node, with a note behind it. A value
@@ -45,7 +47,7 @@ def calibrated_file(path: Path, config: EkfNodeConfig, outcome: Outcome, latency
     Args:
         path: of the given parameter file.
         config: of the ekf, from that file.
-        outcome: of the calibration.
+        result: of the calibration.
         latency: of the commands; None if it was not determined.
         head: becomes the first line, a comment.
 
@@ -63,10 +65,10 @@ def calibrated_file(path: Path, config: EkfNodeConfig, outcome: Outcome, latency
         raise DiffbotError(f"{shown(path)} is not a YAML file: {shown(' '.join(str(error).split()))}") from error
     given = to_dict(config)
     notes = {
-        row.name: ", ".join(filter(None, (row.deviation and f"+- {row.deviation}", row.note))) for row in outcome.rows
+        row.name: ", ".join(filter(None, (row.deviation and f"+- {row.deviation}", row.note))) for row in result.rows
     }
-    # Each new value is put first, so the last one is put before the others.
-    for name, value in reversed(outcome.parameters.items()):
+    # Each new value is inserted at the beginning of its section, so insert them in reverse order.
+    for name, value in reversed(result.parameters.items()):
         if not _is_same(value, given[name]):
             _put(content, EKF, name, value, notes.get(name, ""))
     if latency is not None:

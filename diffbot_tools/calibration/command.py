@@ -1,4 +1,4 @@
-"""``diffbot calibrate``: parameters of the ekf and of the controller from recorded drives, without a ground truth."""
+"""``diffbot calibrate``: estimate parameters of ekf and controller from recorded drives without a ground truth."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.errors import BadMessageError, DiffbotError
 from diffbot_core.files import write_text
 from diffbot_core.stamps import S_PER_NS
-from diffbot_tools.calibration.calibrate import Calibration, Judged, calibrate
+from diffbot_tools.calibration.calibrate import Calibration, HeldOutFigures, calibrate
 from diffbot_tools.calibration.calibrated_file import calibrated_file
 from diffbot_tools.calibration.events import Array, EventReader, Events
-from diffbot_tools.calibration.latency import Latency, latency_of
-from diffbot_tools.calibration.parameters import Outcome, outcome_of
+from diffbot_tools.calibration.latency import LatencyEstimate, latency_of
+from diffbot_tools.calibration.parameters import CalibrationResult, result_of
 from diffbot_tools.opened_bag import open_bag
 from diffbot_tools.parameter_file import read_config
 from diffbot_tools.refilter import inputs_of, parameter_file_of, topics_of
@@ -36,7 +36,7 @@ def run(bags: list[Path], params: Path | None, out: Path, until: float, remap: d
         bags: of one robot; folders, or .mcap files.
         params: ROS parameter file; None for ``ekf.yaml`` in the folder of the first bag.
         out: parameter file to write.
-        until: [s] of each drive that is used, from its first odometry.
+        until: length [s] of each drive to use, from its first odometry message.
         remap: topic in the bags for each input that has another name there.
 
     Raises:
@@ -57,12 +57,12 @@ def run(bags: list[Path], params: Path | None, out: Path, until: float, remap: d
             bar.write(f"calibrate: {text}", file=sys.stderr)
 
         calibration = calibrate(list(drives), config, bar.update, on_phase)
-    outcome = outcome_of(calibration, config)
-    delay = float(outcome.parameters["odometry_delay"])
+    result = result_of(calibration, config)
+    delay = float(result.parameters["odometry_delay"])
     latency = _latency(list(drives), list(commands), delay)
     head = f"Calibrated from {', '.join(bag.name for bag in bags)} by diffbot calibrate."
-    write_text(out, calibrated_file(given, config, outcome, latency, head))
-    print(describe(calibration, outcome, latency))
+    write_text(out, calibrated_file(given, config, result, latency, head))
+    print(describe(calibration, result, latency))
     print(out)
     return 0
 
@@ -71,7 +71,7 @@ def read_drive(bag: Path, config: EkfNodeConfig, until: float, remap: dict[str, 
     """Return the events of a bag, and its velocity commands (n, 3): time [s], v and omega; none if it has none.
 
     Raises:
-        DiffbotError: if the bag cannot be read or has too little in it.
+        DiffbotError: if the bag cannot be read or the drive is too short.
     """
     with open_bag(bag) as reader:
         names = topics_of(reader, config, remap)
@@ -95,10 +95,10 @@ def read_drive(bag: Path, config: EkfNodeConfig, until: float, remap: dict[str, 
 
 
 def _check_measured(bag: Path, config: EkfNodeConfig, names: dict[str, str]) -> None:
-    """Refuse a bag without a measurement of the pose.
+    """Check that a bag contains measurements of the pose.
 
     Raises:
-        DiffbotError: naming the topics and types that the calibration can use.
+        DiffbotError: if it contains none; the text names topics and types that the calibration can use.
     """
     types = inputs_of(config)
     sources = config.localization.sources.pose_sources
@@ -106,11 +106,13 @@ def _check_measured(bag: Path, config: EkfNodeConfig, names: dict[str, str]) -> 
     if set(known).isdisjoint(names.values()):
         wanted = ", ".join(f"{name} ({types[name]})" for name in known)
         note = "" if config.landmarks.landmark_ids else "; landmarks need their map in the parameters (landmark_ids)"
-        raise DiffbotError(f"{bag} measures no pose: record one of {wanted}, or name its topic with --remap{note}")
+        raise DiffbotError(
+            f"{bag} contains no pose measurements: record one of {wanted}, or name its topic with --remap{note}"
+        )
 
 
 def _command(message: Any) -> tuple[float, float, float] | None:
-    """Return time [s], v and omega of a Twist, at its log time, or of a TwistStamped; None if it is neither."""
+    """Return time [s], v and omega of a TwistStamped, or of a Twist at its log time; None for any other message."""
     content = message.content
     try:
         twist = getattr(content, "twist", content)
@@ -121,17 +123,17 @@ def _command(message: Any) -> tuple[float, float, float] | None:
     return row if all(map(math.isfinite, row)) else None
 
 
-def _latency(drives: list[Events], commands: list[Array], delay: float) -> Latency | None:
-    """Return the latency by the drive that determines it best."""
+def _latency(drives: list[Events], commands: list[Array], delay: float) -> LatencyEstimate | None:
+    """Return the latency of the drive with the smallest standard deviation."""
     found = [latency_of(rows, one.odometry, delay) for one, rows in zip(drives, commands, strict=True)]
     known = [one for one in found if one is not None and math.isfinite(one.sigma)]
     return min(known, key=lambda one: one.sigma, default=None)
 
 
-def describe(calibration: Calibration, outcome: Outcome, latency: Latency | None) -> str:
+def describe(calibration: Calibration, result: CalibrationResult, latency: LatencyEstimate | None) -> str:
     """Return the tables as text."""
     lines = [f"{'':28}{'before':>12}{'after':>12}{'deviation':>12}"]
-    for row in outcome.rows:
+    for row in result.rows:
         lines.append(f"{row.name:28}{row.before:12.4g}{row.after:12.4g}{row.deviation:>12}  {row.note}".rstrip())
     if latency is not None:
         lines.append(f"{'command_latency':28}{'':12}{latency.dead_time:12.3f}{latency.sigma:12.2g}")
@@ -140,7 +142,7 @@ def describe(calibration: Calibration, outcome: Outcome, latency: Latency | None
     else:
         lines.append("command_latency and drive_time_constant: not determined; they need abrupt changes of cmd_vel")
     lines += ["", f"{'held-out half':28}{'before':>12}{'after':>12}"]
-    figures: tuple[tuple[str, str, Callable[[Judged], float]], ...] = (
+    figures: tuple[tuple[str, str, Callable[[HeldOutFigures], float]], ...] = (
         ("log likelihood per number", ".3f", lambda one: one.log_likelihood),
         ("NIS per number (1)", ".3f", lambda one: one.consistency.nis),
         ("whiteness, lag 1 (0)", "+.3f", lambda one: one.consistency.correlation),
@@ -149,7 +151,7 @@ def describe(calibration: Calibration, outcome: Outcome, latency: Latency | None
     for title, form, value in figures:
         before, after = (format(value(one), form) for one in (calibration.before, calibration.after))
         lines.append(f"{title:28}{before:>12}{after:>12}")
-    if outcome.undetermined:
+    if result.undetermined:
         lines += ["", "Not determined by this drive, kept as given:"]
-        lines += [f"  {name}: {manoeuvre}" for name, manoeuvre in outcome.undetermined]
+        lines += [f"  {name}: {manoeuvre}" for name, manoeuvre in result.undetermined]
     return "\n".join(lines)

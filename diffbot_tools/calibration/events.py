@@ -1,4 +1,4 @@
-"""A recorded drive as the arrays that the likelihood of its innovations needs, in the order of the stamps."""
+"""Convert a recorded drive to arrays in the order of the stamps, for the likelihood of its innovations."""
 
 from __future__ import annotations
 
@@ -10,14 +10,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import convolve1d
 
 from diffbot_control.filter.config import sources_of
 from diffbot_control.filter.measurement import FIXES, HEADINGS, LANDMARKS, GyroSample, Key, Measurement
-from diffbot_control.filter.models import HEADING, LANDMARK, POSE_FIX, is_fix
+from diffbot_control.filter.models import HEADING, LANDMARK, POSE_FIX, WHEELS, is_fix, with_wheel_errors
 from diffbot_control.filter.odometry import OdometryStep
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.errors import BadMessageError, DiffbotError
 from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import Twist
 from diffbot_core.stamps import S_PER_NS
 from diffbot_tools.refilter import Answer, FilterRun
 
@@ -31,15 +33,17 @@ FIX_SENSOR, HEADING_SENSOR, LANDMARK_SENSOR, FURTHER_SENSORS = 0, 1, 2, 3
 STATES = 10
 """Number of states of the filter with all errors; errors of single sources come after them."""
 MIN_MEASUREMENTS, MIN_DURATION = 30, 10.0
-"""A drive with fewer measurements, or shorter than this [s], determines nothing."""
+"""A drive with fewer measurements or a shorter duration [s] is refused."""
 _MAX_GAP = 1000.0
-"""[s] between two odometry messages; the filter would start again"""
+"""[s] After a longer gap between two odometry messages the filter restarts."""
 _MAX_ERRORS = 32
-"""Errors of sources that can be states."""
+"""Largest number of states for the errors of sources."""
 _MAX_RATE_GAP = 5.0
-"""Periods of a gyro without a sample, beyond which nothing is known of the turn rate."""
+"""The turn rate is unknown during a gap of more than this many periods of the gyro."""
 _NO_RATE, UNKNOWN_RATE = 1e6, 1.0
-"""[rad^2/s^2] variance of a turn rate in such a gap; one that is larger than the second is not known"""
+"""[rad^2/s^2] Variance of the turn rate in such a gap, and the variance above which a turn rate is unknown."""
+_NEIGHBOURS = np.array((1.0, 1.0, 1.0, 0.0, 1.0, 1.0, 1.0)) / 6.0
+"""Weights of the messages before and after a message, for the noise of the message."""
 _BY_HAND = ""
 """Source of a pose that was set by hand."""
 
@@ -55,10 +59,12 @@ class Odometry(NamedTuple):
     """(n, 2) v [m/s], omega [rad/s]"""
     covariance: Array
     """(n, 3) of v, of both, of omega; all zero: unknown"""
+    smooth: Array
+    """(n, 2) twists from which noise and derivatives follow, see :func:`with_noise_of_neighbours`; (0, 2): ``twist``"""
 
 
 class Rates(NamedTuple):
-    """Turn rates of a gyro, summed up: what a sample says is said of the time since the sample before."""
+    """Integrated turn rates of a gyro; each sample is the mean turn rate since the previous sample."""
 
     time: Array
     """(g,) [s]"""
@@ -110,10 +116,10 @@ class Events(NamedTuple):
 
 
 class Collector:
-    """Replaces a localization and keeps its input; refuses what the filter would drop."""
+    """Replaces a localization: keeps its input, and refuses messages that the filter would drop."""
 
     def __init__(self, sources: Sequence[str] = (FIXES, HEADINGS, LANDMARKS)) -> None:
-        """Start without a pose; ``sources`` are those of :func:`sources_of`."""
+        """Create an empty collector for the ``sources`` returned by :func:`sources_of`."""
         self._sources = list(sources)
         self.rates: list[GyroSample] = []
         self.segments: list[tuple[int, OdometryStep]] = []
@@ -190,7 +196,12 @@ class Collector:
         self.measured.append(measurement)
 
     def events(self, name: str, until: float = math.inf, reasons: str = "") -> Events:
-        """Return what was collected in the first ``until`` [s]; ``reasons`` why messages were dropped, for an error.
+        """Return the collected events of the first ``until`` [s].
+
+        Args:
+            name: name of the drive, for error messages.
+            until: length [s] of the drive to use.
+            reasons: why messages were dropped, for error messages.
 
         Raises:
             DiffbotError: if the drive is too short to determine anything.
@@ -216,7 +227,7 @@ class Collector:
 
 
 class EventReader(FilterRun):
-    """Converts recorded messages as the filter does, and keeps them."""
+    """Collects the events of recorded messages, which it converts as the filter does."""
 
     def __init__(self, config: EkfNodeConfig, topics: dict[str, str]) -> None:
         """Start empty; arguments as of the base class."""
@@ -228,7 +239,7 @@ class EventReader(FilterRun):
         return None
 
     def events(self, name: str, until: float = math.inf) -> Events:
-        """Return what was collected in the first ``until`` [s]; see :meth:`Collector.events`."""
+        """Return the events of the first ``until`` [s]; see :meth:`Collector.events`."""
         found: Events = self.localization.events(name, until, self.reasons())
         return found
 
@@ -239,11 +250,12 @@ def _odometry(segments: list[tuple[int, OdometryStep]], zero: int) -> Odometry:
         np.array([(one.stamp - zero) * S_PER_NS for _, one in segments]),
         np.array([one.twist for _, one in segments], dtype=np.float64),
         np.array([one.covariance for _, one in segments], dtype=np.float64),
+        np.zeros((0, 2)),
     )
 
 
 def _rates(samples: list[GyroSample], zero: int) -> Rates:
-    """Sum up samples, of which those with equal stamps but the last are ignored."""
+    """Integrate the samples; of samples with equal stamps, use the last."""
     rows = {one.stamp: (one.rate, one.variance) for one in samples}
     stamps = sorted(rows)
     time = np.array([(one - zero) * S_PER_NS for one in stamps])
@@ -278,14 +290,15 @@ def _measurements(
 
 
 def with_error_states(events: Events, sensors: set[int]) -> Events:
-    """Make the errors of these sensors states of the filter; of landmarks, only the errors of those measured last.
+    """Make the errors of these sensors states of the filter.
 
-    A landmark whose range or bearing is missing now and then counts as one source for each kind of its measurements.
+    If there are more landmarks than states, the states are the errors of the landmarks that were measured last. A
+    landmark with measurements of different kinds counts as one source for each kind.
     """
     measured = events.measurements
     slot, gap = np.full_like(measured.slot, -1), np.full_like(measured.gap, np.inf)
     indices = np.flatnonzero(np.isin(measured.sensor, list(sensors))).tolist()
-    # The others first: they stay. A landmark replaces the one that was not measured for the longest time.
+    # Landmarks come last: a landmark may replace the landmark that was not measured for the longest time.
     indices.sort(key=lambda index: measured.kind[index] >= LANDMARK)
     slots: tuple[dict[Any, int], dict[Any, int]] = {}, {}
     newest: dict[Any, float] = {}
@@ -315,7 +328,7 @@ def averaged(events: Events, period: float) -> Events:
 
     A message longer than that stays as it is. The covariance becomes that of the mean of independent errors.
     """
-    start, end, twist, covariance = events.odometry
+    start, end, twist, covariance, _ = events.odometry
     # A new group begins with the message that would make the present one too long.
     first = [0]
     for index in range(1, len(start)):
@@ -327,4 +340,31 @@ def averaged(events: Events, period: float) -> Events:
     whole = (end[last] - start[at])[:, None]
     mean = np.add.reduceat(twist * dt, at) / whole
     joint = np.add.reduceat(covariance * dt * dt, at) / (whole * whole)
-    return events._replace(odometry=Odometry(start[at], end[last], mean, joint))
+    return events._replace(odometry=Odometry(start[at], end[last], mean, joint, np.zeros((0, 2))))
+
+
+def with_noise_of_neighbours(events: Events) -> Events:
+    """Let the noise of each odometry message, and the derivatives at its twist, follow from its neighbours.
+
+    The error of an encoder often grows with the speed. A message that measures too large a speed then also has too
+    large a variance or derivative. The resulting bias of the wheel radii is about the variance of the relative error,
+    which may exceed the standard deviation of the radii in a long drive. Neighbours have independent errors.
+    """
+    odometry = events.odometry
+    covariance, smooth = (
+        convolve1d(one, _NEIGHBOURS, axis=0, mode="nearest") for one in (odometry.covariance, odometry.twist)
+    )
+    return events._replace(odometry=odometry._replace(covariance=covariance, smooth=smooth))
+
+
+def with_noise_of_wheels(events: Events, wheel_errors: Array, separation: float) -> Events:
+    """Convert the covariances of odometry messages to the twists that wheels with ``wheel_errors`` (3,) really had.
+
+    A message claims the errors of the twist that it contains. The twist of wheels that are larger has larger errors.
+    ``separation`` is the configured separation of the wheels [m].
+    """
+    x = np.concatenate((np.zeros(WHEELS), wheel_errors))
+    J = np.array([with_wheel_errors(one, x, separation) for one in (Twist(1.0, 0.0), Twist(0.0, 1.0))]).T
+    covariance = events.odometry.covariance
+    joint = J @ covariance[:, [[0, 1], [1, 2]]] @ J.T
+    return events._replace(odometry=events.odometry._replace(covariance=joint[:, (0, 0, 1), (0, 1, 1)]))

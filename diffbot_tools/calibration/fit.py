@@ -20,7 +20,7 @@ _STEP = 0.01
 _DELAY_STEP, _LOG_STEP = 0.02, 0.1
 """[s] and in logarithms, for the curvature"""
 _NEWTON_STEPS, _SAME = 4, 0.01
-"""Largest number of steps by the curvature, and what each has to reduce the cost by."""
+"""Largest number of Newton steps, and the smallest reduction of the cost by a step."""
 _THREADS = 2
 _HUGE = 1e12
 _STATES = np.array(list(CONSTANTS.values()))
@@ -69,10 +69,10 @@ class Likelihood(NamedTuple):
 
 
 def fit(likelihood: Likelihood, starts: list[Array]) -> Fit:
-    """Minimise the cost from several starts; the curvature is that of the best.
+    """Minimise the cost from several starts, and return the best minimum with the curvature there.
 
-    The line search ends early where the likelihood has kinks. It has kinks in the delay, since messages and
-    measurements have stamps of their own. Steps by the curvature over a wider range go on from there.
+    The likelihood has kinks along the delay, because stamps of messages and measurements differ. A line search may end
+    early at a kink. Newton steps, whose derivatives span a wider range, continue from there.
     """
     quantities = likelihood.quantities
     bounds = np.array([(one.lower, one.upper) for one in quantities])
@@ -99,7 +99,7 @@ def fit(likelihood: Likelihood, starts: list[Array]) -> Fit:
             break
         values, cost = next_values, next_cost
         bounded, covariance = _curvature(likelihood, values)
-    # Messages do not show the motion between them.
+    # The motion within a message is unknown, which limits the resolution of the delay.
     resolution = max(map(_period, likelihood.drives)) / math.sqrt(12.0)
     return Fit(
         values,
@@ -116,7 +116,7 @@ def _period(events: Events) -> float:
 
 
 def _evaluate(function: Callable[[Array], float], points: list[Array]) -> Array:
-    """Evaluate a function at several points, in threads; an interrupt waits only for the points that have begun."""
+    """Evaluate a function at several points in threads."""
     with ThreadPoolExecutor(_THREADS) as pool:
         return np.array(list(pool.map(function, points)))
 
@@ -168,22 +168,22 @@ def _step(quantity: Quantity) -> float:
 
 
 def constants_of(likelihood: Likelihood, found: Fit) -> tuple[Array, Array]:
-    """Return mean (6,) and covariance (6, 6) of the constant states, with what the quantities add to their uncertainty.
-
-    Each drive starts from the same prior. Their results are joined by information, and the prior is counted once.
-    """
-    mean, P = _joined(likelihood, found.values)
+    """Return mean (6,) and covariance (6, 6) of the constant states, including the uncertainty of the quantities."""
+    mean, P = joined_constants(likelihood, found.values)
     J = np.zeros((len(_STATES), len(found.values)))
     for index in np.flatnonzero(found.covariance.diagonal() > 0.0):
         step = np.zeros(len(found.values))
         step[index] = size = _step(likelihood.quantities[index])
-        ahead, behind = (_joined(likelihood, found.values + sign * step)[0] for sign in (1.0, -1.0))
+        ahead, behind = (joined_constants(likelihood, found.values + sign * step)[0] for sign in (1.0, -1.0))
         J[:, index] = (ahead - behind) / (2.0 * size)
     return mean, P + J @ found.covariance @ J.T
 
 
-def _joined(likelihood: Likelihood, values: Array) -> tuple[Array, Array]:
-    """Return mean (6,) and covariance (6, 6) of the constant states with these values (q,) of the quantities."""
+def joined_constants(likelihood: Likelihood, values: Array) -> tuple[Array, Array]:
+    """Return mean (6,) and covariance (6, 6) of the constant states for given values (q,) of the quantities.
+
+    All drives start from the same prior. Their information matrices are added, and the prior is counted once.
+    """
     options = likelihood.settings.options
     mean, variances = (np.array(one)[_STATES - WHEELS] for one in (options.errors, options.variances))
     used = np.flatnonzero(variances > 0.0)

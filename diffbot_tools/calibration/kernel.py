@@ -1,8 +1,8 @@
-"""The filter over the arrays of a drive, with the log likelihood of each measurement; compiled.
+"""Run the compiled filter over the arrays of a drive and compute the log likelihood of each measurement.
 
 Motion, expected measurements and corrections are those of :mod:`diffbot_control.filter`, compiled as in the simulation.
-The first ten states are the filter's states with all errors. After them come the errors of single sources, which are
-states where they are correlated in time.
+The first ten states are the states of the filter with all errors. They are followed by the time-correlated errors of
+single sources.
 """
 
 from __future__ import annotations
@@ -43,6 +43,8 @@ from diffbot_tools.calibration.events import RESET, STATES, UNKNOWN_RATE, Array,
 NUMBERS, TERM, RATES, WHITE, COLUMNS = 0, 1, 2, 3, 6
 """Columns of the result: count of numbers; log likelihood; log likelihood of the turn rates since the measurement
 before; whitened innovation (3)."""
+MAX_DELAY = 0.6
+"""[s] largest dead time of the odometry in the search"""
 _LOG_2PI = math.log(2.0 * math.pi)
 _NANO = 1e-9
 """[s] Times that differ by less are equal."""
@@ -53,7 +55,7 @@ compiled = functools.cache(compile_kernel)
 
 
 class Settings(NamedTuple):
-    """Numbers of a filter; deviations are factors on those in the events."""
+    """Settings of a filter. Sensor noise is a factor on the standard deviations in the events."""
 
     options: Options
     """with all ten states; fixes beyond the gate are weighted, too, and the errors of the wheels are never reset"""
@@ -84,7 +86,7 @@ class Filtered(NamedTuple):
 
 
 class _Progress(NamedTuple):
-    """How far the odometry has moved the filter."""
+    """Progress of the filter through the odometry."""
 
     now: float
     """[s]"""
@@ -130,16 +132,18 @@ def run_events(events: Events, settings: Settings) -> Filtered:
 def _turn_rates(events: Events, settings: Settings) -> Array:
     """Return the mean turn rate [rad/s] of the gyro over each odometry message, and its variance times the duration.
 
-    The variance times the duration of the message [rad^2/s] is inf where the turn rate was not measured.
+    The variance times the duration of the message [rad^2/s] is inf where the turn rate was not measured. Which turn
+    rates are used does not depend on the delay: otherwise the likelihood would have a step where a delay adds one.
     """
     (start, end, *_), (time, angle, variance) = events.odometry, events.rates
     found = np.full((len(end), 2), (0.0, math.inf))
     if len(time) > 0:
-        # The first message acts before its start, too.
-        begin, stop = np.append(0.0, start[1:] + settings.delay), end + settings.delay
+        begin, stop = start + settings.delay, end + settings.delay
         dt = stop - begin
         sums = [np.interp(stop, time, one) - np.interp(begin, time, one) for one in (angle, variance)]
-        known = (begin > time[0] - _NANO) & (stop < time[-1] + _NANO) & (sums[1] < UNKNOWN_RATE * dt**2)
+        inside = (start > time[0] - _NANO) & (end + max(settings.delay, MAX_DELAY) < time[-1] + _NANO)
+        known = inside & (sums[1] < UNKNOWN_RATE * dt**2)
+        known[0] = False  # The first message also acts before its start, where the robot moved differently.
         found[known] = np.column_stack((sums[0] / dt, settings.gyro_factor**2 * sums[1] / dt))[known]
     return found
 
@@ -182,11 +186,11 @@ def _run_filter(events: Events, rates: Array, x: Array, P: Array, result: Array,
             _renew_errors(x, P, expected, slot, math.exp(-max(float(measured.gap[k]), _MIN_DT) / s.times[sensor]))
         elif accepted[source] > -math.inf:
             inflation = inflation_after(now - accepted[source], s.times[sensor])
-        if _take(x, P, expected, inflation, s, result[k]) <= s.options.gates[m - 1]:
+        if _fuse(x, P, expected, inflation, s, result[k]) <= s.options.gates[m - 1]:
             accepted[source] = now
 
 
-def _take(x: Array, P: Array, expected: Expected, inflation: float, s: Settings, figures: Array) -> float:
+def _fuse(x: Array, P: Array, expected: Expected, inflation: float, s: Settings, figures: Array) -> float:
     """Correct with a measurement, write its figures (COLUMNS,) and return its NIS.
 
     Beyond the gate the gain is multiplied by gate / NIS, and the NIS in the likelihood is gate (1 + ln(NIS / gate)),
@@ -208,7 +212,7 @@ def _take(x: Array, P: Array, expected: Expected, inflation: float, s: Settings,
 
 
 def _start_errors(P: Array, R: Array, slot: int) -> None:
-    """Set the states from ``slot`` on to the error of the fix that reset the pose, of covariance ``R`` (3, 3)."""
+    """Initialise the states from ``slot`` on with the error of the fix that reset the pose, of covariance R (3, 3)."""
     for i in range(3):
         for j in range(3):
             P[slot + i, slot + j] = R[i, j]
@@ -216,9 +220,10 @@ def _start_errors(P: Array, R: Array, slot: int) -> None:
 
 
 def _renew_errors(x: Array, P: Array, expected: Expected, slot: int, c: float) -> None:
-    """Put the error of a measurement into the states from ``slot`` on, where ``c`` of the last error remains.
+    """Predict the states of the errors of a source, and express a measurement by them.
 
-    R becomes the variance of these states. The measurement has no further error.
+    Each new error is ``c`` times the previous error plus an independent part, so that its covariance stays R. The
+    states begin at ``slot``. The measurement has no other error, so its R becomes zero.
     """
     y, H, R = expected
     m = len(y)
@@ -257,8 +262,13 @@ def _advance(
             duration, figures = whole - now, np.zeros(COLUMNS)
             motion = _motion_of(odometry, message, duration, TurnRate(rate, variance / duration), 0.0, s)
             found = rate_expectation(x, motion, s.options.separation)
-            expected = Expected(np.array((found.y,)), found.H, np.array(((found.variance,),)))
-            beyond = _take(x, P, expected, 1.0, s, figures) > s.options.gates[0]
+            H = found.H
+            if len(odometry.smooth) > 0:
+                # These derivatives contain neither the error of the message nor the error of the gyro.
+                smooth = Motion(_smooth(odometry, message), duration, motion.covariance, TurnRate(0.0, math.inf), 0.0)
+                H = rate_expectation(x, smooth, s.options.separation).H
+            expected = Expected(np.array((found.y,)), H, np.array(((found.variance,),)))
+            beyond = _fuse(x, P, expected, 1.0, s, figures) > s.options.gates[0]
             rated, slip = message, math.sqrt(duration) * found.y if beyond else 0.0
             log_likelihood += float(figures[TERM])
         dt = end - now
@@ -276,6 +286,12 @@ def _motion_of(odometry: Odometry, index: int, dt: float, rate: TurnRate, slip: 
         given, lateral = TwistCovariance(row[0], row[1], row[2]), 0.0
         covariance = scale_twist_covariance(given, share * s.odometry_covariance_scale)
     else:
-        covariance, lateral = motion_noise(twist, dt, s.densities)
+        covariance, lateral = motion_noise(_smooth(odometry, index), dt, s.densities)
     covariance = add_twist_covariance(covariance, slip_covariance(slip, s.options.separation))
     return Motion(twist, dt, covariance, rate, lateral)
+
+
+def _smooth(odometry: Odometry, index: int) -> Twist:
+    """Return the twist from which noise and derivatives of an odometry message follow."""
+    source = odometry.smooth if len(odometry.smooth) > 0 else odometry.twist
+    return Twist(source[index, 0], source[index, 1])

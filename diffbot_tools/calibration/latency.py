@@ -1,7 +1,7 @@
-"""Dead time from a velocity command to the motion, by least squares of commanded and measured velocity.
+"""Estimate the dead time from a velocity command to the motion by least squares of commanded and measured velocities.
 
-The model between both is that of the simulated base: a dead time, the base driver's limit of the acceleration, and a
-first-order lag. The limit has to be modelled: a ramp of one second would otherwise add half a second of dead time.
+The model is the model of the simulated base: a dead time, the acceleration limit of the base driver, and a first-order
+lag. Without the acceleration limit, a ramp of one second would add half a second of dead time.
 """
 
 from __future__ import annotations
@@ -27,33 +27,33 @@ _STEP, _LOG_STEP = 0.02, 0.05
 _NO_LAG = 1e-3
 """[s] time constant that counts as 0"""
 _GAIN, _MIN_GAIN = 0.02, 5e-3
-"""Share of the cost and of the variance of a velocity that a limit has to explain, to be accepted."""
+"""An acceleration limit is accepted if it explains these shares of the cost and of the variance of a velocity."""
 _MIN_COMMANDS, _MIN_SECONDS = 20, 5.0
 
 
-class Latency(NamedTuple):
-    """Answer of the robot to its commands."""
+class LatencyEstimate(NamedTuple):
+    """Estimated response of the robot to velocity commands."""
 
     dead_time: float
     """[s]"""
     sigma: float
-    """[s] standard deviation of the dead time, with one independent error per second"""
+    """[s] standard deviation of the dead time, assuming one independent error per second"""
     time_constant: float
-    """[s] of the drives"""
+    """[s] of the first-order lag of the drives"""
     acceleration: float
-    """[m/s^2] the base driver's limit; inf if none was found"""
+    """[m/s^2] limit of the base driver; inf if no limit was found"""
     angular_acceleration: float
-    """[rad/s^2] the same of the rotation"""
+    """[rad/s^2] limit of the base driver; inf if no limit was found"""
 
     def limits(self) -> dict[str, float]:
-        """Return the limits of acceleration that were found, by the names of the controller's parameters."""
+        """Return the acceleration limits that were found, by the names of the parameters of the controller."""
         names = ("linear.x.max_acceleration", "angular.z.max_acceleration")
         limits = (self.acceleration, self.angular_acceleration)
         return {name: limit for name, limit in zip(names, limits, strict=True) if limit < math.inf}
 
 
 class _Drive(NamedTuple):
-    """The intervals of the odometry in which commands were known."""
+    """The odometry since the first command."""
 
     commands: Array
     start: Array
@@ -61,13 +61,13 @@ class _Drive(NamedTuple):
     end: Array
     """(n,) [s]"""
     measured: Array
-    """(n, 2) in deviations of each velocity"""
+    """(n, 2) twist, each velocity divided by its standard deviation"""
     axes: list[int]
-    """velocities that were commanded"""
+    """indices of the velocities whose commands change"""
 
 
-def latency_of(commands: Array, odometry: Odometry, odometry_delay: float) -> Latency | None:
-    """Find dead time, time constant and limits of acceleration.
+def latency_of(commands: Array, odometry: Odometry, odometry_delay: float) -> LatencyEstimate | None:
+    """Estimate dead time, time constant and acceleration limits.
 
     Args:
         commands: (n, 3) time [s], v [m/s] and omega [rad/s] of each command, which is held until the next.
@@ -75,7 +75,7 @@ def latency_of(commands: Array, odometry: Odometry, odometry_delay: float) -> La
         odometry_delay: [s] by which the motion follows the odometry's stamps.
 
     Returns:
-        None if there are too few commands, or they do not change.
+        None if there are too few commands, too little odometry, or the commands do not change.
     """
     if len(commands) < _MIN_COMMANDS:
         return None
@@ -97,13 +97,13 @@ def latency_of(commands: Array, odometry: Odometry, odometry_delay: float) -> La
             limited.append(axis)
     found = most if len(limited) == len(axes) else _fit(drive, tuple(limited))
     period = drive.end - drive.start
-    # A lag at its bound of 0 is known: it cannot be exchanged for dead time.
+    # A lag at its bound of 0 is known, so it does not add to the uncertainty of the dead time.
     jacobian = found.jac if found.x[1] > _NO_LAG else np.delete(found.jac, 1, axis=1)
     independent = float(period.sum()) * len(axes)  # one error per second
     variance = np.linalg.pinv(jacobian.T @ jacobian)[0, 0] * 2.0 * found.cost / independent
-    # A base acts once per period, so the dead time hardly shows within it.
+    # A base executes commands once per period, so the period limits the resolution of the dead time.
     sigma = math.hypot(math.sqrt(variance), float(period.mean()) / math.sqrt(12.0))
-    return Latency(float(found.x[0]), sigma, float(found.x[1]), *_limits_of(limited, found.x))
+    return LatencyEstimate(float(found.x[0]), sigma, float(found.x[1]), *_limits_of(limited, found.x))
 
 
 def _fit(drive: _Drive, limited: tuple[int, ...]) -> OptimizeResult:
@@ -130,7 +130,7 @@ def _fit(drive: _Drive, limited: tuple[int, ...]) -> OptimizeResult:
 
 
 def _derivatives(drive: _Drive, limited: tuple[int, ...], x: Array) -> Array:
-    """Return the derivatives (residuals, len(x)) by central differences: between held commands there are kinks."""
+    """Return the derivatives (residuals, len(x)) by central differences, wide enough for the kinks at new commands."""
     steps = np.diag([_STEP, _STEP, *(_LOG_STEP for _ in limited)])
     ends = [(_residuals(drive, limited, x + one), _residuals(drive, limited, x - one)) for one in steps]
     derivatives: Array = np.column_stack([ahead - behind for ahead, behind in ends]) / (2.0 * steps.sum(axis=0))
@@ -138,20 +138,23 @@ def _derivatives(drive: _Drive, limited: tuple[int, ...], x: Array) -> Array:
 
 
 def _limits_of(limited: Sequence[int], x: Array) -> tuple[float, float]:
-    """Return the limit of each axis, inf for none."""
+    """Return the acceleration limit of each axis; inf for an axis without a limit."""
     found = dict(zip(limited, np.exp(x[2:]).tolist(), strict=True))
     return found.get(0, math.inf), found.get(1, math.inf)
 
 
 def _residuals(drive: _Drive, limited: tuple[int, ...], x: Array) -> Array:
-    """Return measured minus modelled velocities, after the best gain: an error of the wheels is not a dead time."""
+    """Return measured minus modelled velocities.
+
+    Each modelled velocity has the best gain, so that errors of the wheels do not change the dead time.
+    """
     dead, lag, limits = float(x[0]), max(float(x[1]), 0.0), _limits_of(limited, x)
     mean = _mean_command(drive.commands, drive.start - dead, drive.end - dead)
     parts = []
     for axis in drive.axes:
-        answer = compiled(_answer)(mean[:, axis].copy(), drive.end - drive.start, lag, limits[axis])
-        gain = float(answer @ drive.measured[:, axis]) / max(float(answer @ answer), 1e-12)
-        parts.append(drive.measured[:, axis] - gain * answer)
+        response = compiled(_response)(mean[:, axis].copy(), drive.end - drive.start, lag, limits[axis])
+        gain = float(response @ drive.measured[:, axis]) / max(float(response @ response), 1e-12)
+        parts.append(drive.measured[:, axis] - gain * response)
     return np.concatenate(parts)
 
 
@@ -171,17 +174,17 @@ def _mean_command(commands: Array, start: Array, end: Array) -> Array:
     return mean
 
 
-def _answer(commanded: Any, period: Any, lag: Any, limit: Any) -> Any:
-    """Return the mean speeds of an axis behind a limit of acceleration and a lag, in the order of the plant."""
-    answers = np.empty(len(commanded))
+def _response(commanded: Any, period: Any, lag: Any, limit: Any) -> Any:
+    """Return the mean speeds of an axis after the acceleration limit and then the lag, the order of the plant."""
+    responses = np.empty(len(commanded))
     speed = reached = commanded[0]
     for k in range(len(commanded)):
         change = limit * period[k]
         speed += min(max(commanded[k] - speed, -change), change)
-        answers[k] = speed
+        responses[k] = speed
         if lag > 0.0:
             # Mean and end of an exponential approach to the speed.
             left = math.exp(-period[k] / lag)
-            answers[k] = speed + (reached - speed) * (1.0 - left) * lag / period[k]
+            responses[k] = speed + (reached - speed) * (1.0 - left) * lag / period[k]
             reached = speed + (reached - speed) * left
-    return answers
+    return responses

@@ -27,7 +27,7 @@ from diffbot_tools.calibration.kernel import settings_of
 from diffbot_tools.calibration.quantities import CONSTANTS
 
 UNDETERMINED = 0.7
-"""A posterior deviation above this share of the prior's: the drive does not determine the number."""
+"""A number is not determined if its standard deviation exceeds this share of its prior standard deviation."""
 SPOT, STRAIGHT, EIGHT, STAND, NEAR_FAR, MORE = (
     "turn on the spot, several turns each way",
     "drive straight lines of several metres, both ways",
@@ -67,18 +67,18 @@ class Row(NamedTuple):
     note: str
 
 
-class Outcome(NamedTuple):
+class CalibrationResult(NamedTuple):
     """Parameters to write, and the table."""
 
     parameters: dict[str, Any]
     rows: list[Row]
     undetermined: list[tuple[str, str]]
-    """name, and the manoeuvre that would determine it"""
+    """name of each number that is not determined, and a manoeuvre that determines it"""
 
 
-def outcome_of(calibration: Calibration, config: EkfNodeConfig) -> Outcome:
-    """Return the parameters of the node ``ekf`` that change; what the drive does not determine stays as given."""
-    given, found = to_dict(config), Outcome({}, [], [])
+def result_of(calibration: Calibration, config: EkfNodeConfig) -> CalibrationResult:
+    """Return the changed parameters of the node ``ekf``; numbers that the drives do not determine keep their values."""
+    given, found = to_dict(config), CalibrationResult({}, [], [])
     factors: dict[tuple[int, ...], float] = {}
     times = settings_of(config).times.tolist()
     fit, parameters = calibration.found, found.parameters
@@ -93,7 +93,7 @@ def outcome_of(calibration: Calibration, config: EkfNodeConfig) -> Outcome:
         before, after = 1.0, value if known else one.start
         after = math.exp(after) if one.logarithmic else after
         if one.field.endswith(_FACTORS):
-            # Errors of the map repeat, which looks like a good sensor.
+            # Constant errors of the map make a landmark sensor look more accurate than it is.
             lower = one.place[:1] == (LANDMARK_SENSOR,) and after < 1.0
             factors[one.place], note = (1.0, "not lowered in the file") if lower else (after, note)
         elif one.field == "times":
@@ -109,7 +109,7 @@ def outcome_of(calibration: Calibration, config: EkfNodeConfig) -> Outcome:
     _add_constants(calibration, given, found)
     parameters |= _measurement_noise(calibration.drives, config, factors)
     if calibration.biases:
-        # One drive shows one bias, and a small one does not bound the bias of the next drive.
+        # The bias changes from drive to drive, so a small bias of one drive does not lower the prior.
         own = math.sqrt(sum(bias**2 + sigma**2 for bias, sigma in calibration.biases) / len(calibration.biases))
         before = given["gyro_bias_sigma"]
         parameters["gyro_bias_sigma"] = after = max(before, own)
@@ -118,11 +118,11 @@ def outcome_of(calibration: Calibration, config: EkfNodeConfig) -> Outcome:
     if any(times):
         parameters["correlation_times"] = times
     if given["filter"] in (FNN, FNN_CALIBRATING) and times[FIX_SENSOR]:
-        parameters["filter"] = CALIBRATING  # fuzzy rules mistake correlated errors for small ones
+        parameters["filter"] = CALIBRATING  # the fuzzy rules underestimate correlated errors
     return found._replace(parameters=_bounded(parameters))
 
 
-def _add_constants(calibration: Calibration, given: dict[str, Any], found: Outcome) -> None:
+def _add_constants(calibration: Calibration, given: dict[str, Any], found: CalibrationResult) -> None:
     sigmas = np.sqrt(np.diag(calibration.constants_covariance)).tolist()
     variances = calibration.settings.options.variances
     for (name, state), value, sigma in zip(CONSTANTS.items(), calibration.constants.tolist(), sigmas, strict=True):
@@ -136,7 +136,7 @@ def _add_constants(calibration: Calibration, given: dict[str, Any], found: Outco
         found.rows.append(Row(name, given[name], after, f"{sigma:.2g}", "" if known else "not determined"))
     if "calibrating" not in given["filter"]:
         found.parameters["filter"] = CALIBRATING
-    # Another drive will differ a little: the filter goes on estimating the errors of the wheels from these values.
+    # The wheels wear and the load changes, so the filter continues to estimate the errors from these values.
     wheels = 0.5 * math.sqrt(variances[0])
     found.parameters.update(wheel_radius_sigma=wheels, wheel_separation_sigma=wheels)
 
@@ -144,7 +144,10 @@ def _add_constants(calibration: Calibration, given: dict[str, Any], found: Outco
 def _measurement_noise(
     drives: list[Events], config: EkfNodeConfig, factors: dict[tuple[int, ...], float]
 ) -> dict[str, Any]:
-    """Return the deviations of the sensors; messages with covariances are overridden if one of theirs changes."""
+    """Return the standard deviations of the sensors.
+
+    If the standard deviation of messages with covariances changes, the parameters override their covariances.
+    """
     if all(abs(factor - 1.0) <= 1e-3 for factor in factors.values()):
         return {}
     given = _given_deviations(config)
@@ -172,7 +175,7 @@ def _given_deviations(config: EkfNodeConfig) -> dict[tuple[int, ...], float]:
 
 
 def _used_deviations(drives: list[Events], index: tuple[int, ...]) -> Array:
-    """Return the deviations in the events that a factor is on."""
+    """Return the standard deviations of the measurements that a factor applies to."""
     if index == _GYRO:
         used = [np.sqrt(np.diff(one.rates.variance)) / np.diff(one.rates.time) for one in drives]
         deviations = np.concatenate(used)
@@ -187,7 +190,7 @@ def _used_deviations(drives: list[Events], index: tuple[int, ...]) -> Array:
 
 
 def _bounded(parameters: dict[str, Any]) -> dict[str, Any]:
-    """Keep numbers within what the node allows, with four digits."""
+    """Round numbers to four digits and clip them to the range of their parameter."""
     specs = {one.name: one.spec for one in parameters_of(EkfNodeConfig)}
 
     def bounded(name: str, value: Any) -> Any:

@@ -1,4 +1,4 @@
-"""The numbers that a calibration estimates, and the settings of a filter with their values."""
+"""Define the quantities that a calibration estimates, and apply their values to the settings of a filter."""
 
 from __future__ import annotations
 
@@ -19,13 +19,11 @@ from diffbot_tools.calibration.events import (
     Array,
     Events,
 )
-from diffbot_tools.calibration.kernel import Settings
+from diffbot_tools.calibration.kernel import MAX_DELAY, Settings
 
 _DOWN, _SPREAD = 0.2, 3.0
-"""Prior deviations of the logarithm of a noise or a time. The first one holds for noise of the motion below the given
-one if landmarks are the only measurements: errors of the map repeat, which looks like good odometry."""
-MAX_DELAY = 0.6
-"""[s]"""
+"""Prior standard deviations of the logarithm of a noise or a time. The first one is for motion noise below the given
+noise if only landmarks are measured, because constant errors of the map make the odometry look better than it is."""
 _MAX_LOG, _MAX_FACTOR_LOG = math.log(1e5), math.log(30.0)
 CONSTANTS = {
     "left_radius_error": WHEELS,
@@ -69,7 +67,7 @@ class Quantity(NamedTuple):
 
 
 def quantities_of(drives: list[Events], config: EkfNodeConfig) -> list[Quantity]:
-    """Return the numbers that these drives can determine: dead time, noise of the motion, noise of each sensor."""
+    """Return the quantities to estimate: delay of the odometry, noise of the motion, noise of each measured sensor."""
     kinds = {int(kind) for one in drives for kind in np.unique(one.measurements.kind)}
     down = _DOWN if max(kinds) >= LANDMARK and not any(map(is_fix, kinds)) else _SPREAD
     delay = min(config.localization.odometry.odometry_delay, MAX_DELAY)
@@ -110,7 +108,7 @@ def measures(drives: list[Events], sensor: int, angle: int) -> bool:
 
 
 def _motion_names(drives: list[Events], config: EkfNodeConfig) -> tuple[str, ...]:
-    """Return the names of the numbers of the noise of the motion: a scale if all messages have a covariance."""
+    """Return the names of the quantities of the motion noise: one scale if all messages have a covariance."""
     known = all(bool(one.odometry.covariance.any(axis=1).all()) for one in drives)
     if known and config.localization.odometry.odometry_noise != MOTION:
         return ("odometry_covariance_scale",)
@@ -134,8 +132,8 @@ def with_values(settings: Settings, quantities: list[Quantity], values: Array) -
 def search_settings(settings: Settings, drives: list[Events], config: EkfNodeConfig) -> Settings:
     """Return the settings of the search.
 
-    The constant states start at the given values and do not change. The wheels have wide priors, the landmark sensor
-    those of the filter. The noise model is the one whose numbers are estimated. All errors are independent at first.
+    The constant states start at the given values and have no random walk. The priors of the wheels are wide, and the
+    priors of the landmark sensor are the priors of the filter. All errors are independent in time.
     """
     options = settings.options
     errors, sigmas = list(options.errors), np.sqrt(options.variances)

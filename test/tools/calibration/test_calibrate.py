@@ -1,6 +1,6 @@
-"""A calibration finds the errors that a simulated robot was given, and its compiled filter is the filter itself.
+"""A calibration finds the errors of a simulated robot, and its compiled filter equals the filter of the node.
 
-In one file, since the kernel takes a minute to compile.
+The tests are in one file because the kernel takes a minute to compile.
 """
 
 import contextlib
@@ -49,7 +49,7 @@ PARAMETERS = f"""\
 
 
 def write_bag(path, recording, commands=True):
-    """Write all but landmarks in the order of the stamps; commands 0.1 s before they are obeyed."""
+    """Write odometry, fixes, turn rates and commands in the order of their stamps; commands act 0.1 s later."""
     odometry = make(ODOMETRY, header={"frame_id": "odom"}, child_frame_id="base_link")
     pose, imu = make(POSE, header={"frame_id": "map"}), make(IMU)
     rows = []
@@ -92,22 +92,22 @@ def bag(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def calibrated(bag):
-    out, said = bag.parent / "found.yaml", io.StringIO()
-    with contextlib.redirect_stderr(said):
+    out, log = bag.parent / "found.yaml", io.StringIO()
+    with contextlib.redirect_stderr(log):
         assert run([bag], None, out, math.inf, {}) == 0
-    phases = [line.split()[1] for line in said.getvalue().splitlines() if line.startswith("calibrate:")]
-    assert phases == ["839", "trying", "trying", "refining", "judging"]
+    phases = [line.split()[1] for line in log.getvalue().splitlines() if line.startswith("calibrate:")]
+    assert phases == ["839", "trying", "trying", "refining", "evaluating"]
     return out
 
 
 def test_errors_of_the_robot_are_found(calibrated):
-    """Within about four deviations of what 120 s determine, each by itself."""
+    """The tolerances are about four standard deviations of a drive of 120 s."""
     found = yaml.safe_load(calibrated.read_text())["/**/ekf"]["ros__parameters"]
     assert found["odometry_delay"] == pytest.approx(0.2, abs=0.06)
     assert found["left_radius_error"] == pytest.approx(0.03, abs=0.02)
     assert found["right_radius_error"] == pytest.approx(-0.03, abs=0.02)
     assert found["wheel_separation_error"] == pytest.approx(0.05, abs=0.022)
-    # The messages claim what the measured speeds say, which are wrong themselves.
+    # The claimed covariances follow from the measured speeds, which have errors.
     assert found["odometry_covariance_scale"] == pytest.approx(1.5**2, rel=0.25)
     assert found["global_pose_sigma_xy"] == pytest.approx(0.075, rel=0.09)
     assert found["global_pose_sigma_yaw"] == pytest.approx(0.045, rel=0.13)
@@ -133,12 +133,14 @@ def test_the_file_can_be_used_in_place_of_the_given_one(bag, calibrated, capsys,
 
 
 def test_a_bag_without_a_measured_pose_is_refused_by_topic_and_type(tmp_path):
-    """Of odometry and commands alone."""
+    """The bag contains odometry alone."""
     path = tmp_path / "bag"
     with new_bag(path) as writer:
         writer.add_topic("/odom", ODOMETRY)
         (writer.folder / "ekf.yaml").write_text("/**/ekf: {ros__parameters: {odometry_noise: motion}}")
-    with pytest.raises(DiffbotError, match=r"no pose: .*global_pose \(geometry_msgs/msg/PoseWithCov.*landmark_ids"):
+    with pytest.raises(
+        DiffbotError, match=r"no pose meas.*: .*global_pose \(geometry_msgs/msg/PoseWithCov.*landmark_ids"
+    ):
         run([path], None, tmp_path / "out.yaml", math.inf, {})
 
 
@@ -148,7 +150,7 @@ def test_latency_of_the_commands_is_for_the_controller(calibrated):
     assert found["command_latency"] + found["drive_time_constant"] == pytest.approx(0.1, abs=0.07)
 
 
-def test_too_little_is_refused_in_one_line(tmp_path):
+def test_too_short_a_drive_is_refused_in_one_line(tmp_path):
     short = write_bag(tmp_path / "bag", record(TRUE, seed=2, seconds=5.0, sensors=Sensors(1)), commands=False)
     with pytest.raises(DiffbotError, match="s of odometry, at least 10 s are needed") as refused:
         run([short], None, tmp_path / "out.yaml", math.inf, {})
@@ -156,7 +158,7 @@ def test_too_little_is_refused_in_one_line(tmp_path):
     assert not (tmp_path / "out.yaml").exists()
 
 
-def test_a_limit_of_the_acceleration_is_found_and_not_taken_for_dead_time():
+def test_an_acceleration_limit_is_found_and_does_not_add_to_the_dead_time():
     """Drives of the simulated plant at 50 Hz, whose wheels have 5 % of noise."""
     dead, lag, bound = 0.1, 0.1, 0.5
     t_s, rng, held = 0.02, np.random.default_rng(8), Twist(0.0, 0.0)
@@ -171,8 +173,9 @@ def test_a_limit_of_the_acceleration_is_found_and_not_taken_for_dead_time():
         commands.append((k * t_s, *held))
         state = plant_step(state, delayed_command(record, k, held, dead, t_s), noise[:, k], plant)
         twists.append(body_twist(state.encoder, plant.wheels))
-    end = t_s * np.arange(1, 3001)
-    found = latency_of(np.array(commands), Odometry(end - t_s, end, np.array(twists), np.zeros((3000, 3))), 0.0)
+    end, twists = t_s * np.arange(1, 3001), np.array(twists)
+    odometry = Odometry(end - t_s, end, twists, np.zeros((3000, 3)), np.zeros((0, 2)))
+    found = latency_of(np.array(commands), odometry, 0.0)
     assert found.dead_time == pytest.approx(dead, abs=0.02)
     assert found.time_constant == pytest.approx(lag, abs=0.02)
     assert (found.acceleration, found.angular_acceleration) == pytest.approx((bound, 3.0 * bound), rel=0.05)
@@ -200,7 +203,7 @@ def recording():
 
 
 def feed(target, odometry, measured, rates=()):
-    """Give a filter the steps of the odometry, each after all that was measured until then."""
+    """Feed odometry steps to a filter, each after the measurements up to its stamp."""
     measured, rates = list(measured), list(rates)
     for step in odometry:
         while rates and rates[0].stamp <= step.stamp:
@@ -211,7 +214,7 @@ def feed(target, odometry, measured, rates=()):
 
 
 def others(recording):
-    """Headings, and landmarks: both numbers, a range or a bearing, one of twenty misread."""
+    """Return headings and landmarks with range and bearing or one of them; one landmark in twenty is an outlier."""
     rng, found = np.random.default_rng(5), []
     for index, fix in enumerate(recording.fixes[1:-1]):
         x, y, theta = fix.z
@@ -240,11 +243,11 @@ CASES = {
     ),
     "landmarks alone": ({"odometry_covariance_scale": 4.0, **LANDMARKS}, 10**6, 1e-9),
 }
-"""Parameters, which of the fixes are used, and tolerance: the motion before the first message acts is one step here."""
+"""Parameters; use every n-th fix; tolerance. Up to the first message, the kernel makes one step, the filter several."""
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_innovations_are_those_of_the_filter(recording, case):
+def test_innovations_equal_the_innovations_of_the_filter(recording, case):
     options, keep, tolerance = CASES[case]
     config = build(EkfNodeConfig, WIDE | MAP | options)
     measured = [one for index, one in enumerate(recording.fixes) if index % keep == 0] + others(recording)
@@ -259,14 +262,14 @@ def test_innovations_are_those_of_the_filter(recording, case):
     for row, one in zip(rows, expected, strict=True):
         white = np.linalg.solve(np.linalg.cholesky(one.S), one.y)
         np.testing.assert_allclose(row[kernel.WHITE : kernel.WHITE + len(one.y)], white, atol=tolerance)
-    # The pose is that of the last measurement here; the constant states stay until the end of the drive.
+    # The kernel ends at the last measurement; only the constant states are the same at the end of the drive.
     x, P = filtered.filter.x[3:], filtered.filter.P[3:, 3:]
     np.testing.assert_allclose(found.x[3:], x, atol=0.01 * tolerance)
     off_diagonal = ~np.eye(len(x), dtype=bool)
     np.testing.assert_allclose(found.P[3:, 3:][off_diagonal], P[off_diagonal], atol=1e-4 * tolerance)
 
 
-def test_a_landmark_may_lack_its_range_or_bearing_now_and_then(recording):
+def test_landmarks_without_a_range_or_without_a_bearing_are_used(recording):
     collector = Collector()
     feed(collector, recording.odometry, [recording.fixes[0], *others(recording)])
     found = calibrate([collector.events("landmarks")], build(EkfNodeConfig, MAP), lambda: None)
@@ -277,8 +280,8 @@ def test_a_landmark_may_lack_its_range_or_bearing_now_and_then(recording):
     assert abs(found.after.consistency.correlation) < 3.0 * found.after.consistency.bound
 
 
-def test_likelihood_of_correlated_errors_is_the_joint_density():
-    """Of two sources of fixes and a far landmark, from a robot that stands and turns at random: all is linear."""
+def test_likelihood_of_correlated_errors_equals_the_joint_density():
+    """The robot stands and turns at random, with two sources of fixes and a far landmark, so the model is linear."""
     rng, dt, var_omega, lasts = np.random.default_rng(6), 0.1, 0.04, (2.0, 0.4, 0.7)
     config = build(EkfNodeConfig, {"filter": "ekf", "pose_sources": ["gps"], "gate_probability": 1.0})
     R, far, collector = np.diag((0.04, 0.09, 0.01)), Point(1e4, 0.0), Collector(sources_of(config.localization))
@@ -300,7 +303,7 @@ def test_likelihood_of_correlated_errors_is_the_joint_density():
     found = run_events(with_error_states(collector.events("joint"), {0, 2, 3}), settings)
 
     def covariance(one, other, row):
-        """Of two differences from the first fix, by a random walk and Markov processes."""
+        """Return the covariance of two differences from the first fix: a random walk and Markov processes."""
         (i, t, _), (j, u, _) = one, other
         both = math.exp(-abs(t - u) / lasts[i]) * variances[i][row] if i == j else 0.0
         with_first = sum(math.exp(-at / lasts[0]) for source, at in ((i, t), (j, u)) if source == 0)

@@ -1,4 +1,4 @@
-"""The file that `diffbot calibrate` writes: the given one, complete, with the values that were found."""
+"""`diffbot calibrate` writes the complete given file with the calibrated values."""
 
 import difflib
 
@@ -9,12 +9,12 @@ from diffbot_core.schema import build
 from diffbot_core.yaml_files import read_sections
 from diffbot_tools.bringup import check_data_sheet
 from diffbot_tools.calibration.calibrated_file import calibrated_file
-from diffbot_tools.calibration.latency import Latency
-from diffbot_tools.calibration.parameters import Outcome, Row
+from diffbot_tools.calibration.latency import LatencyEstimate
+from diffbot_tools.calibration.parameters import CalibrationResult, Row
 from diffbot_tools.parameter_file import read_config, values_of
 from diffbot_tools.robot_description import PRESETS, file_of_robot
 
-FOUND = Outcome(
+FOUND = CalibrationResult(
     {
         "odometry_delay": 0.21,
         "odometry_noise": "motion",
@@ -25,7 +25,7 @@ FOUND = Outcome(
     [Row("odometry_delay", 0.0, 0.21, "0.01", ""), Row("alpha1", 1.0, 1e-05, "7 %", "at its bound")],
     [],
 )
-LATENCY = Latency(0.2291, 0.0142, 0.1, 0.5, 9.0)
+LATENCY = LatencyEstimate(0.2291, 0.0142, 0.1, 0.5, 9.0)
 HEAD = "Calibrated from drive by diffbot calibrate."
 FILES = {
     "indented": """\
@@ -54,11 +54,11 @@ FILES = {
 }
 
 
-def written(path, text, outcome=FOUND, latency=LATENCY, head=HEAD):
-    """Write ``text``, calibrate, and return the new text, which is also in ``path`` then."""
+def written(path, text, result=FOUND, latency=LATENCY, head=HEAD):
+    """Write ``text`` to ``path``, calibrate the file in place, and return the new text."""
     path.write_text(text)
     config = read_config(path)
-    path.write_text(calibrated_file(path, config, outcome, latency, head))
+    path.write_text(calibrated_file(path, config, result, latency, head))
     return path.read_text()
 
 

@@ -1,4 +1,4 @@
-"""The stated covariance is the inverse curvature at the values that are returned."""
+"""The covariance of a fit is the inverse curvature at the values of the fit."""
 
 from types import SimpleNamespace
 
@@ -10,7 +10,7 @@ from diffbot_tools.calibration.quantities import Quantity
 
 
 class Quartic:
-    """Stands for the likelihood of a drive: 100 x^4, on which each step by the curvature goes a third of the way."""
+    """Replaces the likelihood of a drive by 100 x^4, where each Newton step reduces x by a third."""
 
     quantities = (Quantity("x", "gyro_factor", (), True, 0.0, -10.0, 10.0),)
     drives = (
@@ -27,11 +27,11 @@ class Quartic:
 
 
 def test_covariance_is_that_of_the_final_values_after_the_last_step(monkeypatch):
-    """Which is the fourth one here: all four reduce the cost."""
+    """All four Newton steps reduce the cost, so the last one is the fourth."""
     monkeypatch.setattr(module, "minimize", lambda *_, **__: SimpleNamespace(x=[2.0], fun=1600.0))
     found = module.fit(Quartic(), [np.array([2.0])])
     assert found.values == pytest.approx([2.0 * (2.0 / 3.0) ** 4], rel=0.02)
     curvature = 1200.0 * found.values[0] ** 2
-    # The curvature is that over steps of 0.1, beside a prior with a deviation of 3.
+    # Finite differences have steps of 0.1; the prior has a standard deviation of 3.
     assert found.covariance == pytest.approx(1.0 / (curvature + 1.0 / 9.0), rel=0.15)
     assert found.at_bound == [False]
