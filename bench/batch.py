@@ -1,6 +1,6 @@
-"""Throughput of the compiled closed loop, beside plain Python, a kernel written by hand, and one thread.
+"""Compare the throughput of the compiled closed loop with plain Python, a hand-written kernel, and one thread.
 
-Simulation A of the paper without ROS, 300 steps a run. What runs in one thread is measured in CPU time.
+Each run is simulation A of the paper without ROS, with 300 steps. Calls in one thread are measured in CPU time.
 """
 
 from __future__ import annotations
@@ -49,21 +49,21 @@ def _drive_one(start, noise, steps, row):
     x, y, theta = start[0], start[1], start[2]
     last_outside, path, effort, local_time, switches, region = -1, 0.0, 0.0, math.nan, 0, 0
     turning = 0.0
-    seen_x = seen_y = 0.0
+    measured_x = measured_y = 0.0
     for step in range(steps + 1):
-        seen_x = x + 0.3 * (2.0 * noise[FIX, step, 0] - 1.0)
-        seen_y = y + 0.3 * (2.0 * noise[FIX, step, 1] - 1.0)
-        seen_theta = _wrap(theta + 0.17 * (2.0 * noise[FIX, step, 2] - 1.0))
-        rho = math.hypot(seen_x, seen_y)
-        beta = math.atan2(0.0 - seen_y, 0.0 - seen_x)
-        alpha = _wrap(beta - seen_theta)
+        measured_x = x + 0.3 * (2.0 * noise[FIX, step, 0] - 1.0)
+        measured_y = y + 0.3 * (2.0 * noise[FIX, step, 1] - 1.0)
+        measured_theta = _wrap(theta + 0.17 * (2.0 * noise[FIX, step, 2] - 1.0))
+        rho = math.hypot(measured_x, measured_y)
+        beta = math.atan2(0.0 - measured_y, 0.0 - measured_x)
+        alpha = _wrap(beta - measured_theta)
         near = 1 if (rho <= radius if region == 1 else rho < radius) else 0
         switches += near != region
         region = near
         cosine, tangent = math.cos(alpha), math.tanh(rho)
         v = gamma * tangent * cosine
         if region == 1:
-            omega = -k_2 * seen_theta
+            omega = -k_2 * measured_theta
         else:
             sinc = math.sin(alpha) / alpha if abs(alpha) >= 1e-4 else 1.0 - alpha * alpha / 6.0
             slope = tangent / rho if rho >= 1e-4 else 1.0 - rho * rho / 3.0
@@ -83,14 +83,14 @@ def _drive_one(start, noise, steps, row):
     row[0], row[1], row[2] = x, y, theta
     row[3] = (last_outside + 1) * t_s if last_outside < steps else math.nan
     row[4], row[5], row[6], row[7] = path, effort, switches, local_time
-    row[8], row[9] = math.hypot(seen_x - x, seen_y - y), turning
+    row[8], row[9] = math.hypot(measured_x - x, measured_y - y), turning
 
 
 def drive_by_hand(runs: int) -> Any:
-    """Drive simulation A under law (17) with the paper's noise, by a kernel written by hand for this one case.
+    """Drive simulation A under law (17) with the paper's noise, with a kernel that is written by hand for this case.
 
     Returns:
-        (runs, 10) columns of Outcome up to ``turning``; the kernel leaves out the two columns on reaching the goal.
+        (runs, 10) columns of Outcome up to ``turning``; the kernel does not compute the last two columns.
     """
     source, noise, outcomes = NoiseSource(), np.empty((FIX + 1, STEPS + 1, 4)), np.empty((runs, 10))
     for run, row in enumerate(outcomes):
@@ -100,42 +100,42 @@ def drive_by_hand(runs: int) -> Any:
 
 
 def rate(runs: int, call: Callable[[], Any], clock: Callable[[], float] = time.perf_counter) -> float:
-    """Return the million steps per second of a call that makes this many runs."""
+    """Return the throughput [million steps/s] of a call that simulates ``runs`` runs."""
     begin = clock()
     call()
     return 1e-6 * runs * STEPS / (clock() - begin)
 
 
 def measure_round(table: Table, runs: int) -> None:
-    """Measure each once, both sides right after each other."""
+    """Measure each pair once, one right after the other."""
     run_loop, recent = make_loop(SwitchingLaw, CASE.feedback), new_recent(CASE.robot)
     noise = NoiseSource().run(1, 0, STEPS + 1, purposes_of(CASE.robot.sensors, 0, 0.0))
     nothing, cpu = np.empty((0, len(HISTORY_COLUMNS))), time.process_time
     table.add(
-        "all threads, beside the same loop as plain Python [M steps/s]",
+        "all threads; reference: same loop in plain Python [M steps/s]",
         rate(runs, lambda: run_batch(CASE, START, 1, 0, runs)),
         rate(1, lambda: run_loop(CASE, recent, noise, Pose(*START.poses[0]), nothing)),
     )
     table.add(
-        "one thread, beside a kernel written by hand for this case [M steps/s]",
+        "one thread; reference: hand-written kernel for this case [M steps/s]",
         rate(runs, lambda: run_batch(CASE, START, 1, 0, runs, threads=1), cpu),
         rate(runs, lambda: drive_by_hand(runs), cpu),
     )
     two, one = (rate(runs, lambda n=n: run_batch(CASE, START, 1, 0, runs, threads=n)) for n in (2, 1))
-    table.add("two threads, beside one [M steps/s]", two, one)
+    table.add("two threads; reference: one thread [M steps/s]", two, one)
     table.add(
         "all threads, with the filter in the loop [M steps/s]",
         rate(runs, lambda: run_batch(FILTERED, START, 1, 0, runs)),
     )
     table.add(
-        "one thread, 1024 environments for learning, beside a single one [M steps/s]",
-        rate(ENVIRONMENTS, lambda: play(1), cpu),
-        rate(1, lambda: play(0), cpu),
+        "one thread, 1024 environments for learning; reference: one environment [M steps/s]",
+        rate(ENVIRONMENTS, lambda: step_randomly(1), cpu),
+        rate(1, lambda: step_randomly(0), cpu),
     )
 
 
-def play(which: int) -> None:
-    """Let a single environment (0) or all of them (1) act at random for STEPS steps."""
+def step_randomly(which: int) -> None:
+    """Step a single environment (0) or the vectorised environment (1) with random actions, STEPS times."""
     generator, env = np.random.default_rng(1), ENVS[which]
     env.reset(seed=1)
     for _ in range(STEPS):

@@ -1,16 +1,19 @@
 """Child process of latency.py: ``python bench/chain.py SCENARIO SIDE NODES SECONDS``.
 
-NODES is a comma-separated part of ``source,filter,control``. In the scenario ``clocked`` the source sends odometry at
-50 Hz and fixes at 10 Hz, and times the commands that come back. In ``lockstep`` it is a plant that takes its next step
-when the command of the present one has come. The side ``ours`` runs EkfNode, ControllerNode and PlantNode, ``robot``
-the filter and controller of robot_node, ``bare`` relays that compute nothing.
+NODES is a comma-separated list of the nodes of this process: ``source``, ``filter`` and ``control``. They form a chain.
 
-The process of the source prints two JSON lines: one when the chain has warmed up, one with what it measured. The other
-processes run until SIGINT. Filter and controller in a process without the source then print the time [ms] from each
-callback of the odometry to the return of the publication of its command.
+- In the scenario ``clocked``, the source sends odometry at 50 Hz and fixes at 10 Hz, and measures the time until it
+  receives each command. In ``lockstep``, the source is a plant that starts a step when it has received the command of
+  the previous step.
+- The side ``ours`` runs EkfNode, ControllerNode and PlantNode. ``robot`` runs filter and controller as robot_node does.
+  ``bare`` runs relays that do not compute anything.
+
+The process of the source prints two JSON lines: one after the warm-up, and one with the results. The other processes
+run until SIGINT. If a process has the filter and the controller but not the source, it then prints the times [ms] from
+the start of each odometry callback until its command has been published.
 """
 
-# The nodes of this project are imported where they are made: relays and drivers need not wait for their libraries.
+# The nodes of this project are imported where they are created, so that processes of relays and drivers start faster.
 
 from __future__ import annotations
 
@@ -46,25 +49,25 @@ from diffbot_core.kinematics import Twist, WheelGeometry, encoder_covariance, wh
 from diffbot_core.ros.run import SPIN_TIMEOUT, make_executor, run
 
 GOAL = Pose(1e5, 0.0, 0.0)
-"""Far enough that the controller drives all the time."""
+"""So far away that the controller drives during the whole measurement."""
 RATE, FIX_EVERY = 50.0, 5
-"""[Hz] of the odometry, and steps per fix."""
+"""Rate of the odometry [Hz], and number of steps per fix."""
 DRIVEN = Twist(0.5, 0.1)
-"""[m/s], [rad/s] that the clocked source claims to drive: a circle."""
+"""[m/s], [rad/s] twist in the odometry of the clocked source, which moves on a circle."""
 FIX_R = np.diag([0.03, 0.03, 0.0096])
-"""Covariance of a fix, uniform within the paper's bounds of 0.3 m, 0.3 m and 0.17 rad."""
+"""Covariance of a fix whose errors are uniform within the paper's bounds of 0.3 m, 0.3 m and 0.17 rad."""
 _STEADY = 15
-"""Steps answered in time, one after the other, that end the warm-up at 50 Hz."""
-_PATIENCE = 0.5
-"""[s] without an answer after which it counts as lost."""
+"""The warm-up at 50 Hz ends after this number of consecutive steps that were answered in time."""
+_ANSWER_TIMEOUT = 0.5
+"""[s] A command that does not arrive within this time counts as lost."""
 _WARM_UP = 0.3
-"""[s] of lock-step before the measurement."""
-_LIFE = 120
-"""[s] that a process may live beyond its measurement."""
+"""[s] duration of the lock-step before the measurement"""
+_MARGIN = 120
+"""[s] A process is killed if it runs longer than the measurement by this time."""
 
 
 def report(**values: Any) -> None:
-    """Print one line for the parent."""
+    """Print one JSON line for the parent process."""
     print(json.dumps(values), flush=True)
 
 
@@ -78,7 +81,7 @@ class OdometryRelay(Node):
 
 
 class TwistRelay(Node):
-    """Odometry -> Twist: publishes the same message object again and again."""
+    """Odometry -> Twist: publishes the received speed, always in the same message object."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__("relay_twist", **options)
@@ -92,11 +95,11 @@ class TwistRelay(Node):
 
 
 class ClockedSource(Node):
-    """Sends odometry and fixes by a timer, and measures the time until the command is back here.
+    """Sends odometry and fixes by a timer, and measures the latency of each command.
 
-    A latency runs from the timer's callback, before its messages are filled, to the callback of the command, on the
-    monotonic clock. Commands carry no stamp. They come in the order of the odometry, and if as many came as were sent,
-    each latency is that of its own step.
+    A latency is the time on the monotonic clock from the start of the timer's callback, before its messages are filled,
+    to the start of the command's callback. Commands do not have a stamp, but arrive in the order of the odometry. So
+    the latencies are valid if one command arrived for each odometry message.
     """
 
     def __init__(self, seconds: float) -> None:
@@ -105,7 +108,7 @@ class ClockedSource(Node):
         self.steps_left = round(seconds * RATE)
         self.latencies: list[float] = []
         self.waiting: deque[int] = deque()
-        self.step = self.steady = self.unasked = 0
+        self.step = self.steady = self.surplus = 0
         wheels = WheelGeometry()
         self.odometry = odometry_message("odom", "base_link")
         fill_twist(self.odometry.twist.twist, DRIVEN)
@@ -123,10 +126,10 @@ class ClockedSource(Node):
     def on_tick(self) -> None:
         now = time.monotonic_ns()
         if self.measuring and self.steps_left == 0:
-            # Before the first answer nothing counts as lost, since the chain may be held up.
-            if not self.waiting or (self.latencies and now - self.waiting[-1] > _PATIENCE * 1e9):
+            # Before the first answer, no command counts as lost, since the start of the chain may be delayed.
+            if not self.waiting or (self.latencies and now - self.waiting[-1] > _ANSWER_TIMEOUT * 1e9):
                 self.done = True
-                report(latencies=self.latencies, lost=len(self.waiting), unasked=self.unasked)
+                report(latencies=self.latencies, lost=len(self.waiting), surplus=self.surplus)
             return
         self.steps_left -= self.measuring
         if not self.measuring:
@@ -135,13 +138,13 @@ class ClockedSource(Node):
         self.send(time.time_ns())
 
     def warm_up(self) -> None:
-        """Send goals until commands come; begin when the chain has answered for a while without delay."""
+        """Send goals until commands arrive; begin to measure when _STEADY steps in a row were answered in time."""
         self.steady = 0 if self.waiting or not self.goal_received else self.steady + 1
         self.waiting.clear()
         if not self.goal_received and self.step % FIX_EVERY == 0 and self.goals.get_subscription_count():
             self.goals.publish(goal_message(GOAL, "map", time.time_ns()))
         if self.steady == _STEADY:
-            self.measuring, self.unasked = True, 0
+            self.measuring, self.surplus = True, 0
             self.steps_left -= 1
             report(event="begin")
 
@@ -162,7 +165,7 @@ class ClockedSource(Node):
         now = time.monotonic_ns()
         self.goal_received = True
         if not self.waiting:
-            self.unasked += 1
+            self.surplus += 1
             return
         sent = self.waiting.popleft()
         if self.measuring:
@@ -170,7 +173,7 @@ class ClockedSource(Node):
 
 
 class BarePlant(Node):
-    """Lock-step without a plant: sends the next number when the present one has come back; sends a lost one again."""
+    """Lock-step without a plant: sends the next number when the previous one has returned; repeats a lost number."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__("source", **options)
@@ -178,7 +181,7 @@ class BarePlant(Node):
         self.odometry = odometry_message("odom", "base_link")
         self.odometries = self.create_publisher(Odometry, "odom", 10)
         self.create_subscription(TwistMessage, "cmd_vel", self.on_command, 1)
-        self.create_timer(_PATIENCE, self.on_watch)
+        self.create_timer(_ANSWER_TIMEOUT, self.on_watch)
 
     def on_command(self, message: TwistMessage) -> None:
         if message.linear.x == self.step:
@@ -186,7 +189,7 @@ class BarePlant(Node):
             self.send()
 
     def on_watch(self) -> None:
-        if time.monotonic() - self.sent > _PATIENCE:
+        if time.monotonic() - self.sent > _ANSWER_TIMEOUT:
             self.send()
 
     def send(self) -> None:
@@ -201,7 +204,7 @@ def make_node(name: str, scenario: str, side: str, seconds: float) -> Any:
     if name == "source" and not is_lockstep:
         return ClockedSource(seconds)
     if side == "bare":
-        # In lock-step the chain to beat has neither parameter services nor rosout; at 50 Hz it is as rclpy makes it.
+        # In lock-step, the reference has neither parameter services nor rosout. At 50 Hz, it has the defaults of rclpy.
         lean = {"start_parameter_services": False, "enable_rosout": False} if is_lockstep else {}
         return {"source": BarePlant, "filter": OdometryRelay, "control": TwistRelay}[name](**lean)
     from diffbot_control.controller_node import ControllerNode
@@ -214,19 +217,19 @@ def make_node(name: str, scenario: str, side: str, seconds: float) -> Any:
     overrides = [Parameter("reliable_inputs", value=is_lockstep)]
     if name == "filter":
         return EkfNode(parameter_overrides=overrides)
-    # In lock-step it answers from the first pose on, with or without a goal.
+    # In lock-step, the controller must answer each pose, even without a goal.
     idle = [Parameter("publish_when_idle", value=True), *stamped] if is_lockstep else []
     return ControllerNode(parameter_overrides=[*idle, *overrides])
 
 
 def spin_once(executor: Any) -> None:
-    """Spin without a timeout where that works, as ``spin`` does, see make_executor."""
+    """Spin without a timeout, as ``spin`` does, except with an EventsExecutor (see make_executor)."""
     executor.spin_once(timeout_sec=None if type(executor) is SingleThreadedExecutor else SPIN_TIMEOUT)
 
 
 def measure(scenario: str, side: str, nodes: list[Any], seconds: float) -> None:
-    """Spin until the source, the first of the nodes, has measured."""
-    # Alone in its process, the clocked source is the driver of both sides, with the same executor.
+    """Spin until the source, which is the first node, has finished its measurement."""
+    # A clocked source in a process of its own is not part of the comparison: it has the same executor on both sides.
     is_driver = scenario == "clocked" and len(nodes) == 1
     executor = SingleThreadedExecutor() if side == "bare" and not is_driver else make_executor()
     for node in nodes:
@@ -237,7 +240,7 @@ def measure(scenario: str, side: str, nodes: list[Any], seconds: float) -> None:
             spin_once(executor)
         return
     if side != "bare":
-        # The plant starts by itself when the graph is complete.
+        # The plant starts when all nodes are present.
         goals = source.create_publisher(PoseStamped, "goal_pose", 10)
         while not goals.get_subscription_count():
             executor.spin_once(timeout_sec=SPIN_TIMEOUT)
@@ -246,21 +249,21 @@ def measure(scenario: str, side: str, nodes: list[Any], seconds: float) -> None:
 
 
 def measure_rate(step: Callable[[], int], executor: Any, seconds: float) -> None:
-    """Report the steps per second of a lock-step plant; the first moments do not count."""
+    """Report the steps per second of a lock-step plant after the warm-up."""
     first = 0.0
     while not first or time.monotonic() - first < _WARM_UP:
         spin_once(executor)
         first = first or (step() > 1) * time.monotonic()
     report(event="begin")
     began, first_step = time.monotonic(), step()
-    # Not before a step is made: a chain that was held up would have no rate.
+    # Wait for at least one step, so that a delayed chain does not report a rate of 0.
     while time.monotonic() - began < seconds or step() == first_step:
         spin_once(executor)
     report(rate=(step() - first_step) / (time.monotonic() - began))
 
 
 def run_bare(nodes: list[Any]) -> None:
-    """Run the relays until SIGINT, as their user would: ``spin`` of the default executor."""
+    """Run the relays until SIGINT by ``spin`` of the default executor, as most users do."""
     try:
         executor = SingleThreadedExecutor()
         for node in nodes:
@@ -270,8 +273,8 @@ def run_bare(nodes: list[Any]) -> None:
         pass
 
 
-def watch() -> list[float]:
-    """Time each way [ms] from the callback of the odometry to the return of the publication of its command."""
+def record_durations() -> list[float]:
+    """Return a list that collects the time [ms] from each odometry callback until its command has been published."""
     from diffbot_control.ekf_node import EkfNode
     from diffbot_control.ros.controller_publishers import CommandOutput
 
@@ -295,10 +298,10 @@ def watch() -> list[float]:
 def main() -> int:
     """Run the nodes named on the command line."""
     scenario, side, names, seconds = sys.argv[1], sys.argv[2], sys.argv[3].split(","), float(sys.argv[4])
-    # Whatever goes wrong, here or in the parent: nothing runs for ever.
-    signal.alarm(math.ceil(seconds) + _LIFE)
+    # SIGALRM ends this process even if an error occurs here or in the parent process.
+    signal.alarm(math.ceil(seconds) + _MARGIN)
     if "source" not in names and side != "bare":
-        durations = watch() if len(names) > 1 else []
+        durations = record_durations() if len(names) > 1 else []
         if side == "robot":
             from diffbot_control.robot_node import make_nodes
 

@@ -1,8 +1,8 @@
-"""Latency and CPU time of the nodes at 50 Hz, and steps per second in lock-step, beside relays that compute nothing.
+"""Compare latency and CPU time of the nodes at 50 Hz, and their steps per second in lock-step, with plain relays.
 
-The latency runs from the start of the driver's step to its callback for the command. The reference is two plain rclpy
-relays, Odometry -> Odometry -> Twist. The CPU time of one process includes the driver. Each turn has fresh processes
-(chain.py); the order of the sides changes from round to round.
+The latency is the time from the start of the driver's step to its callback for the command. The reference is two rclpy
+relays, Odometry -> Odometry -> Twist, which do not compute anything. If all nodes share one process, its CPU time
+includes the driver. Each run starts new processes (chain.py). The order of the two sides alternates between rounds.
 """
 
 from __future__ import annotations
@@ -26,23 +26,24 @@ from diffbot_tools.processes import PrivateDomain, graph_environment
 ONE = ("source,filter,control",)
 TWO = ("filter,control", "source")
 THREE = ("filter", "control", "source")
-"""The nodes of each process; the source comes last because it begins to measure."""
+"""The nodes of each process. The source is last, because it begins the measurement."""
 ROUNDS, SECONDS, LOCKSTEP_SECONDS = 5, 3.0, 1.0
 _ATTEMPTS = 3
 _STOP_TIMEOUT = 5.0
 
 
-def turn(scenario: str, side: str, groups: tuple[str, ...], seconds: float) -> dict[str, Any]:
-    """Run one turn, again if messages were lost; return what the source measured, and ``cpu`` in per cent."""
+def run_chain(scenario: str, side: str, groups: tuple[str, ...], seconds: float) -> dict[str, Any]:
+    """Run a chain, and repeat it if messages were lost; return the results of the source, and ``cpu`` [%]."""
     for _ in range(_ATTEMPTS):
-        result = attempt(scenario, side, groups, seconds)
-        if not result.get("lost") and not result.get("unasked"):
+        result = run_once(scenario, side, groups, seconds)
+        if not result.get("lost") and not result.get("surplus"):
             return result
-    raise SystemExit(f"{scenario} {side}: {result['lost']} commands lost, {result['unasked']} too many")
+    counts = f"{result['lost']} lost and {result['surplus']} surplus commands in the last attempt"
+    raise SystemExit(f"{scenario} {side}: {_ATTEMPTS} attempts failed, with {counts}")
 
 
-def attempt(scenario: str, side: str, groups: tuple[str, ...], seconds: float) -> dict[str, Any]:
-    """Run one turn on the domain of this process."""
+def run_once(scenario: str, side: str, groups: tuple[str, ...], seconds: float) -> dict[str, Any]:
+    """Run a chain once, in the ROS domain of this process."""
     processes = []
     with tempfile.TemporaryDirectory(prefix="diffbot-bench-") as folder:
         environment = {**os.environ, "ROS_LOG_DIR": folder}
@@ -51,7 +52,7 @@ def attempt(scenario: str, side: str, groups: tuple[str, ...], seconds: float) -
                 command = [str(Path(__file__).with_name("chain.py")), scenario, side, group, str(seconds)]
                 processes.append(start(command, environment, Path(folder, f"{group}.log")))
             source = processes[-1]
-            # The source is a bare driver, not part of what is measured, unless all share one process.
+            # A source in a process of its own is only a driver, whose CPU time does not count.
             measured = processes[:-1] or processes
             read(source, Path(folder))
             began, used = time.monotonic(), cpu_seconds(measured)
@@ -67,16 +68,16 @@ def attempt(scenario: str, side: str, groups: tuple[str, ...], seconds: float) -
 
 
 def read(process: subprocess.Popen[str], folder: Path) -> dict[str, Any]:
-    """Return the next JSON line of a process; libraries may print lines of their own."""
+    """Return the next JSON line of a process; other lines, which libraries print, are skipped."""
     line = next((line for line in process.stdout or () if line.startswith("{")), "")
     if not line:
         logs = "".join(f"--- {log.name}\n{log.read_text()[-1000:]}" for log in sorted(folder.glob("*.log")))
-        raise SystemExit(f"a process of the chain ended early\n{logs}")
+        raise SystemExit(f"a process of the chain ended before it had measured\n{logs}")
     return dict(json.loads(line))
 
 
 def stop(process: subprocess.Popen[str]) -> None:
-    """End a process with SIGINT, or kill it after a while."""
+    """End a process with SIGINT; kill it after _STOP_TIMEOUT."""
     if process.poll() is None:
         process.send_signal(signal.SIGINT)
     try:
@@ -94,9 +95,9 @@ def p99(values: list[float]) -> float:
 def measure_round(table: Table, number: int, seconds: float, lockstep_seconds: float) -> None:
     """Measure each arrangement of processes once."""
 
-    def turns(scenario: str, sides: tuple[str, ...], groups: tuple[str, ...], seconds: float) -> dict[str, Any]:
+    def run_sides(scenario: str, sides: tuple[str, ...], groups: tuple[str, ...], seconds: float) -> dict[str, Any]:
         ordered = sides if number % 2 == 0 else sides[::-1]
-        return {side: turn(scenario, side, groups, seconds) for side in ordered}
+        return {side: run_chain(scenario, side, groups, seconds) for side in ordered}
 
     def compare(name: str, ours: dict[str, Any], bare: dict[str, Any]) -> None:
         medians = (statistics.median(one["latencies"]) for one in (ours, bare))
@@ -105,14 +106,14 @@ def measure_round(table: Table, number: int, seconds: float, lockstep_seconds: f
         table.add(f"{name}: CPU of one core [%]", ours["cpu"], bare["cpu"])
 
     for name, groups in (("one process", ONE), ("three processes", THREE)):
-        found = turns("clocked", ("ours", "bare"), groups, seconds)
+        found = run_sides("clocked", ("ours", "bare"), groups, seconds)
         compare(name, found["ours"], found["bare"])
-    found = turns("clocked", ("robot", "bare", "ours"), TWO, seconds)
-    compare("robot_node, driver apart", found["robot"], found["bare"])
+    found = run_sides("clocked", ("robot", "bare", "ours"), TWO, seconds)
+    compare("robot_node, separate driver", found["robot"], found["bare"])
     inside = (statistics.median(found[side]["inside"]) for side in ("robot", "ours"))
-    table.add("robot_node, odometry's callback to cmd_vel sent, beside two nodes [ms]", *inside)
+    table.add("robot_node, odometry callback until cmd_vel is sent; reference: two nodes [ms]", *inside)
     for name, groups in (("one process", ONE), ("three processes", THREE)):
-        found = turns("lockstep", ("ours", "bare"), groups, lockstep_seconds)
+        found = run_sides("lockstep", ("ours", "bare"), groups, lockstep_seconds)
         table.add(f"lock-step, {name} [steps/s]", found["ours"]["rate"], found["bare"]["rate"])
 
 

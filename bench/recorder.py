@@ -1,9 +1,10 @@
-"""The recorder at 8 kHz: CPU time beside a bare raw subscriber, missing messages, and the longest delay.
+"""Measure the recorder at 8 kHz: its CPU time and that of a bare subscriber, missing messages, and the longest delay.
 
-First both processes receive the same messages at the same time. The bare one has the same executor and QoS, and a
-callback that only counts. One after the other would compare two loads of the machine, since messages that arrive in a
-burst cost half as much as those that each wake the process. Then the recorder receives the messages alone. Its *delay*
-is the longest time between the reception of a message by DDS and its hand-over to the thread that writes.
+First, the recorder and a bare raw subscriber receive the same messages at the same time. The bare subscriber has the
+same executor and QoS, and its callback only counts. Measuring one after the other would compare two loads of the
+machine, since messages in a burst need half the CPU time of messages that each wake the process. Then only the recorder
+receives the messages. Its *delay* is the longest time from the reception of a message by DDS until the message is
+handed over to the writing thread.
 """
 
 from __future__ import annotations
@@ -36,18 +37,19 @@ from diffbot_core.ros.run import StopFlag, make_executor
 from diffbot_tools.processes import PrivateDomain, graph_environment
 
 KINDS = (Odometry, Odometry, PoseWithCovarianceStamped, PoseStamped, Twist, TwistStamped, JointState, Imu)
-"""The types of a robot that drives: 300 bytes per message in the mean."""
+"""Message types of a typical robot, with a mean of 300 bytes per message."""
 RATE = 8000.0
 """[Hz] of all topics together"""
 DEPTH = 10_000
 MAX_BAG_SIZE = 4 * 2**20
-"""[bytes] so that a run has several files"""
+"""[bytes] small enough that a run has several files"""
 ROUNDS, SECONDS = 3, 8.0
-_PATIENCE = 60.0
+_TIMEOUT = 60.0
+"""[s] for discovery, acknowledgement and the end of a process"""
 
 
 def run_bare() -> None:
-    """Count the messages until SIGINT: the process beside the recorder."""
+    """Count the messages until SIGINT. This is the reference process."""
     stop = StopFlag()
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node, count = Node("bare"), 0
@@ -78,7 +80,7 @@ class Sender:
         self.publishers = [
             self.node.create_publisher(kind, f"/bench_{index}", DEPTH) for index, kind in enumerate(KINDS)
         ]
-        self.node.create_publisher(String, "/bench_latched", LATCHED).publish(String(data="of every file"))
+        self.node.create_publisher(String, "/bench_latched", LATCHED).publish(String(data="latched"))
 
     def spin_for(self, seconds: float) -> None:
         """Handle callbacks for a while."""
@@ -88,12 +90,12 @@ class Sender:
 
     def send(self, processes: list[Any], seconds: float) -> tuple[int, list[float]]:
         """Publish the messages; return their number, and the CPU time [s] of each of the processes."""
-        deadline = time.monotonic() + _PATIENCE
+        deadline = time.monotonic() + _TIMEOUT
         while any(one.get_subscription_count() < len(processes) for one in self.publishers):
             if time.monotonic() > deadline:
-                raise SystemExit("a subscriber is missing")
+                raise SystemExit(f"not all subscribers were discovered within {_TIMEOUT:g} s")
             self.spin_for(0.05)
-        self.spin_for(min(2.0, seconds))  # so that discovery and questions for parameters are over
+        self.spin_for(min(2.0, seconds))  # until discovery and the requests for parameters have ended
         filled = [bytearray(serialize_message(kind())) for kind in KINDS]
         rounds = int(seconds * RATE / len(KINDS))
         before, begin = [cpu_seconds([one]) for one in processes], time.perf_counter()
@@ -103,9 +105,9 @@ class Sender:
                 publisher.publish(bytes(data))
             if (left := begin + (index + 1) * len(KINDS) / RATE - time.perf_counter()) > 0.0:
                 time.sleep(left)
-        # A message that was dropped on its way is sent again, after seconds.
+        # DDS sends a lost message again, which takes seconds.
         for publisher in self.publishers:
-            publisher.wait_for_all_acked(Duration(seconds=_PATIENCE))
+            publisher.wait_for_all_acked(Duration(seconds=_TIMEOUT))
         self.spin_for(0.5)
         used = [cpu_seconds([one]) - first for one, first in zip(processes, before, strict=True)]
         return rounds * len(KINDS), used
@@ -118,7 +120,7 @@ class Sender:
 
 
 def run(folder: Path, seconds: float, *, with_bare: bool) -> tuple[int, list[float], dict[str, float]]:
-    """Record the messages; return their number, the CPU times [s], and what the recorder reports of itself."""
+    """Record the messages; return their number, the CPU times [s], and the figures of the recording."""
     words = {"uri": folder / "bag", "regex": "/bench_.*", "max_bag_size": MAX_BAG_SIZE}
     parameters = [word for name, value in words.items() for word in ("-p", f"{name}:={value}")]
     commands = [["-m", "diffbot_bag.recorder_node", "--ros-args", *parameters]]
@@ -133,16 +135,16 @@ def run(folder: Path, seconds: float, *, with_bare: bool) -> tuple[int, list[flo
         for process in processes:
             process.send_signal(signal.SIGINT)
         for process in processes:
-            process.communicate(timeout=_PATIENCE)
+            process.communicate(timeout=_TIMEOUT)
         sender.close()
     wrong, unlatched = verify(folder / "bag", sent)
     return sent, used, {"delay": 1e3 * float(status["delay"]), "wrong": wrong, "unlatched": unlatched}
 
 
 def verify(folder: Path, sent: int) -> tuple[int, int]:
-    """Return how many messages are missing or twice in the bag, and how many files lack the latched message.
+    """Return the number of messages that are missing or duplicated, and of files without the latched message.
 
-    Counted by the sequence numbers, as mcap's own reader shows them.
+    They are counted by the sequence numbers that mcap's reader returns.
     """
     numbers, files = defaultdict(list), list(folder.glob("*.mcap"))
     for path in files:
@@ -169,10 +171,10 @@ def main() -> None:
                 os.environ["ROS_LOG_DIR"] = folder
                 sent, used, found = run(Path(folder), 1.0 if quick else SECONDS, with_bare=with_bare)
             if with_bare:
-                table.add("CPU time per message, beside a bare subscriber [us]", *(1e6 * one / sent for one in used))
+                table.add("CPU time per message; reference: bare subscriber [us]", *(1e6 * one / sent for one in used))
             else:
-                table.add("longest time from reception to the writing thread [ms]", found["delay"])
-            table.add("messages missing or recorded twice", found["wrong"])
+                table.add("longest delay from reception to the writing thread [ms]", found["delay"])
+            table.add("missing or duplicated messages", found["wrong"])
             table.add("files without the latched message", found["unlatched"])
             wrong += found["wrong"] + found["unlatched"]
     domain.release()

@@ -1,7 +1,7 @@
 """Rounds of paired measurements, and the table of their ratios.
 
-Each round measures this project and its reference right after each other, so that whatever else the machine does meets
-both. Absolute times differ between machines, so the table shows the ratio: its median and its range over the rounds.
+Each round measures this project and its reference one right after the other, so that other work of the machine affects
+both. Absolute times differ between machines, so the table shows the median and the range of the ratio over the rounds.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ class Table:
         self._rounds: dict[str, list[tuple[float, float | None]]] = {}
 
     def add(self, measure: str, ours: float, reference: float | None = None) -> None:
-        """Add one round of a measure; without a reference our own figure is shown."""
+        """Add one round of a measure; without a reference, the table shows the range of ``ours``."""
         self._rounds.setdefault(measure, []).append((ours, reference))
 
     def show(self) -> None:
@@ -48,9 +48,9 @@ class Table:
 
 
 def is_quick(description: str) -> bool:
-    """Read the command line; return whether to measure only briefly, to see whether the program runs."""
+    """Read the command line; return True if one short round is requested, to check that the program runs."""
     parser = argparse.ArgumentParser(description=description)
-    parser.add_argument("--quick", action="store_true", help="one short round, to see whether the program runs")
+    parser.add_argument("--quick", action="store_true", help="run one short round, to check that the program runs")
     return parser.parse_args().quick
 
 
@@ -64,5 +64,5 @@ def start(command: list[str], environment: dict[str, str], log: Path) -> subproc
 
 def cpu_seconds(processes: list[subprocess.Popen[str]]) -> float:
     """Return the CPU time [s] of all threads of the processes so far, user and system."""
-    # The clock of another process, as glibc's clock_getcpuclockid names it. /proc/PID/stat counts in steps of 10 ms.
+    # This is the clock id that glibc's clock_getcpuclockid returns. /proc/PID/stat has a resolution of only 10 ms.
     return sum(time.clock_gettime((~process.pid << 3) | 2) for process in processes)
