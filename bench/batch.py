@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import gymnasium
@@ -16,11 +17,11 @@ from numba import njit
 from rounds import Table, is_quick
 from tqdm import tqdm
 
-from diffbot_control.law.switching import SwitchingLaw
+from diffbot_control.law.paper import PaperLaw
 from diffbot_core.geometry import Pose
 from diffbot_lab.gym import GOAL
 from diffbot_lab.paper.experiment import SETTINGS, case_of, starts_of
-from diffbot_sim.batch import run_batch
+from diffbot_sim import batch
 from diffbot_sim.fusion import new_recent
 from diffbot_sim.noise import FIX, MOTION, NoiseSource
 from diffbot_sim.robot_step import HISTORY_COLUMNS, make_loop
@@ -31,6 +32,7 @@ STEPS = 300
 CASE = case_of("law 17", SETTINGS[0])
 FILTERED = case_of("law 17", SETTINGS[1])
 START = starts_of("a")
+run_batch = partial(batch.run_batch, law=PaperLaw)
 ENVIRONMENTS = 1024
 ENVS = gymnasium.make(GOAL), gymnasium.make_vec(GOAL, ENVIRONMENTS)
 
@@ -108,7 +110,7 @@ def rate(runs: int, call: Callable[[], Any], clock: Callable[[], float] = time.p
 
 def measure_round(table: Table, runs: int) -> None:
     """Measure each pair once, one right after the other."""
-    run_loop, recent = make_loop(SwitchingLaw, CASE.feedback), new_recent(CASE.robot)
+    run_loop, recent = make_loop(PaperLaw, CASE.feedback), new_recent(CASE.robot)
     noise = NoiseSource().run(1, 0, STEPS + 1, purposes_of(CASE.robot.sensors, 0, 0.0))
     nothing, cpu = np.empty((0, len(HISTORY_COLUMNS))), time.process_time
     table.add(
