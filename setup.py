@@ -1,4 +1,4 @@
-"""Build for `colcon build` on a ROS 2 installation and for `pip install` without ROS."""
+"""Build the package, with `colcon build` on a ROS 2 installation or with `pip install` without ROS."""
 
 from glob import glob
 from pathlib import Path
@@ -44,13 +44,13 @@ COMMANDS = {
 }
 SHIM = """\
 #!/bin/sh
-# For `ros2 run` and `ros2 launch`, which look in lib/diffbot; pip installs commands in bin only.
+# For `ros2 run` and `ros2 launch`, which search lib/diffbot; pip installs commands only in bin.
 exec "$(dirname "$0")/../../bin/{name}" "$@"
 """
 
 
 class InstallDataAndShims(install_data):
-    """Installs the data files, and a shim lib/diffbot/NAME for each executable unless colcon installs it there."""
+    """Installs the data files, and a shim lib/diffbot/NAME for each executable, unless colcon installs it there."""
 
     def run(self) -> None:
         """Install the data files and the shims."""

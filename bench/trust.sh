@@ -1,5 +1,5 @@
 #!/bin/bash
-# Run the tests of a fresh clone of HEAD repeatedly, every second time under CPU load: bench/trust.sh [RUNS]
+# Run the tests of a fresh clone of HEAD repeatedly, every second time with four busy loops: bench/trust.sh [RUNS]
 set -eu
 clone=$(mktemp -d) runs=${1:-20} passed=0
 trap 'kill -- ${loops:+-$loops} 2>/dev/null || true; rm -rf "$clone"' EXIT

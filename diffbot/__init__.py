@@ -6,8 +6,8 @@
     print(run)
     run.plot("drive.png")
 
-A pose is a tuple or a :class:`Pose` with x [m], y [m] and heading [rad] in map. A path is a text or a ``Path``. Each
-name is imported at its first use, so that ``import diffbot`` loads no other library.
+A pose is a tuple or a :class:`Pose` of x [m], y [m] and heading [rad] in map. A path is a ``str`` or a ``Path``.
+Each name is imported at its first use, so that ``import diffbot`` does not load other libraries.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def __getattr__(name: str) -> Any:
         try:
             value = getattr(import_module(module), attribute or name)
         except ModuleNotFoundError as error:
-            from diffbot_core.errors import DiffbotError  # noqa: PLC0415 - `import diffbot` loads nothing else
+            from diffbot_core.errors import DiffbotError  # noqa: PLC0415 - `import diffbot` stays fast
             from diffbot_core.launcher import ros_hint  # noqa: PLC0415
 
             if hint := ros_hint(error):

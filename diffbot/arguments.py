@@ -18,7 +18,7 @@ from diffbot_tools.robot_description import PRESETS, RobotDescription
 AnyPose: TypeAlias = Pose | Sequence[float]
 """x [m], y [m] and heading [rad]."""
 AnyRobot: TypeAlias = str | PathLike[str] | RobotDescription | RobotConfig
-"""A parameter file, a name in ROBOTS, a description, or a robot."""
+"""A parameter file, a name in ROBOTS, a description, or the result of :func:`robot`."""
 
 
 def pose_of(name: str, value: AnyPose) -> Pose:
@@ -32,12 +32,16 @@ def pose_of(name: str, value: AnyPose) -> Pose:
     except (TypeError, ValueError):
         raise InvalidValueError(name, value, "three numbers: x [m], y [m] and heading [rad]") from None
     if not (abs(x) <= MAX_COORDINATE and abs(y) <= MAX_COORDINATE and math.isfinite(theta)):
-        raise InvalidValueError(name, value, f"finite and within +-{MAX_COORDINATE:g} m")
+        raise InvalidValueError(name, value, f"three finite numbers, with x and y within +-{MAX_COORDINATE:g} m")
     return Pose(x, y, theta)
 
 
 def goal_of(name: str, value: AnyPose) -> Pose:
-    """Convert an argument as :func:`pose_of` does, and check that the heading is not in degrees."""
+    """Convert an argument as :func:`pose_of` does, and refuse a heading that seems to be in degrees.
+
+    Raises:
+        InvalidValueError: if the value is not allowed.
+    """
     pose = pose_of(name, value)
     checked_heading(name, pose.theta)
     return pose
@@ -83,7 +87,7 @@ def seed_of(value: int) -> int:
 
 
 def robot_of(value: AnyRobot) -> RobotConfig:
-    """Convert the argument ``robot`` to a robot.
+    """Convert the argument ``robot`` to a configuration.
 
     Raises:
         DiffbotError: if the robot is unknown or a value of its description is not allowed.
@@ -120,7 +124,7 @@ def robot(like: str = "turtlebot3_burger", **values: Any) -> RobotConfig:
 
 
 def with_parameters(config: C, values: Mapping[str, Any]) -> C:
-    """Return a configuration with some parameters changed, whose names have ``_`` in place of dots.
+    """Return a configuration with some parameters changed; their names have ``_`` in place of dots.
 
     Raises:
         InvalidValueError: if a name is unknown or a value is not allowed.

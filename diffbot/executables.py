@@ -1,4 +1,4 @@
-"""Entry points of the executables. Only the launcher is imported here, so that a signal during imports is handled."""
+"""Entry points of the executables. They import only the launcher, which handles signals during the other imports."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from functools import partial
 from diffbot_core.launcher import launch
 
 _INTERRUPTED = 130
-"""Exit status of a shell command after SIGINT."""
+"""Exit status of a command that SIGINT ended, as shells report it."""
 
 controller_node = partial(launch, "diffbot_control.controller_node")
 docking_node = partial(launch, "diffbot_control.docking_node")

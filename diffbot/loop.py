@@ -21,8 +21,8 @@ from diffbot_core.kinematics import Twist, TwistCovariance
 from diffbot_core.stamps import NS_PER_S
 from diffbot_core.uncertainty import Uncertainty
 
-_LEAST_SIGMA = 1e-9
-"""Smallest standard deviation of a fix; the covariance of an exact fix is singular."""
+_MIN_SIGMA = 1e-9
+"""Smallest standard deviation of a fix, since the covariance of an exact fix would be singular."""
 
 
 class Controller(Supervisor):
@@ -53,15 +53,15 @@ class Controller(Supervisor):
         self._time = -math.inf
 
     def go_to(self, goal: AnyPose) -> None:
-        """Start to drive to ``goal`` in place of the present goal. ``on_cancel()`` cancels the goal.
+        """Start to drive to ``goal``, which replaces the present goal. ``on_cancel()`` cancels the goal.
 
         Raises:
-            InvalidValueError: if the goal is not three finite numbers.
+            InvalidValueError: if the goal is not three finite numbers, or its heading seems to be in degrees.
         """
         self.on_goal(goal_of("goal", goal), GoalRequest(source="go_to"))
 
     def step(self, time: float, pose: AnyPose, sigma: Sequence[float] = (0.0, 0.0)) -> Twist:
-        """Return the command for a pose, which is zero without a goal.
+        """Return the command for a pose. The command is zero without a goal.
 
         Args:
             time: [s] time of the pose, later than the time of the previous pose.
@@ -69,7 +69,7 @@ class Controller(Supervisor):
             sigma: standard deviations of the pose [m], [rad]; zero if the pose is exact.
 
         Raises:
-            InvalidValueError: if an argument is not finite, or ``time`` is not later than before.
+            InvalidValueError: if an argument is not finite, or ``time`` is not later than the previous time.
         """
         at, uncertainty = pose_of("pose", pose), sigma_of(sigma)
         self._time = time_of(time, self._time)
@@ -77,12 +77,12 @@ class Controller(Supervisor):
 
     @property
     def end(self) -> str:
-        """How the newest goal ended, such as "reached", "not reached" or "cancelled"; empty before its end."""
+        """How the newest goal ended, such as "reached", "not reached" or "cancelled"; empty while it is active."""
         return self.goals.ended[-1].end if self.goals.present is None and self.goals.ended else ""
 
 
 class Filter(Localization):
-    """Filter of a robot: estimates its pose from odometry and from late, rare and noisy fixes.
+    """Filter of a robot: estimates its pose from odometry and from noisy fixes, which may be late and rare.
 
     Examples:
         >>> import diffbot
@@ -114,7 +114,7 @@ class Filter(Localization):
         Raises:
             DiffbotError: if the fix is too old, or an argument is not allowed.
         """
-        xy, theta = sigma_of(sigma, _LEAST_SIGMA)
+        xy, theta = sigma_of(sigma, _MIN_SIGMA)
         R = np.diag(np.square((xy, xy, theta)))
         self.on_measurement(pose_fix(round(time_of(time) * NS_PER_S), pose_of("pose", pose), R))
 
@@ -122,10 +122,10 @@ class Filter(Localization):
         """Add the mean velocity since the previous odometry, and return the estimated pose.
 
         Args:
-            time: [s] end of the motion, later than the previous odometry.
+            time: [s] time of the odometry, later than the time of the previous odometry.
             v: [m/s]
             omega: [rad/s]
-            sigma: standard deviations of ``v`` and ``omega``; if zero, the parameters alpha1 to alpha3 define them.
+            sigma: standard deviations of ``v`` [m/s] and ``omega`` [rad/s]; if zero, alpha1 to alpha3 define them.
 
         Raises:
             DiffbotError: before the first fix, or if an argument is not allowed.

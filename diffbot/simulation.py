@@ -23,7 +23,7 @@ DEFAULT_ROBOT = "turtlebot3_burger"
 
 
 class Recording(Drive):
-    """Recording of a drive to one goal: its end, and one row for each step.
+    """Recording of a drive to one goal: how the goal ended, and one row for each step.
 
     Examples:
         >>> import diffbot
@@ -40,8 +40,8 @@ class Recording(Drive):
         *("v", "omega", "sigma", "region", "reached"),
     )
     """Time [s], true pose [m, m, rad], estimated pose [m, m, rad] (nan before the first fix), command [m/s, rad/s],
-    standard deviation of the estimated position [m], region (0: Omega_G, 1: Omega_L), and 1 after the goal was reached,
-    otherwise 0."""
+    standard deviation of the estimated position [m], region (0: Omega_G, 1: Omega_L), reached (1 once the goal is
+    reached, otherwise 0)."""
 
     def __repr__(self) -> str:
         """Return a one-line summary of how the goal ended."""
@@ -56,7 +56,7 @@ class Recording(Drive):
         return np.column_stack(self[3:]).astype(np.float64)
 
     def to_pandas(self) -> pandas.DataFrame:
-        """Return a table with a row for each step and the columns COLUMNS, indexed by time.
+        """Return a table with a row for each step; the index is the time, and the other COLUMNS are the columns.
 
         Raises:
             DiffbotError: if pandas is not installed.
@@ -71,7 +71,7 @@ class Recording(Drive):
         """Plot the path and the distance from the goal over time; return the figure of matplotlib.
 
         Args:
-            path: file to write, e.g. ``drive.png``. None writes no file, for a notebook or ``pyplot.show()``.
+            path: file to write, e.g. ``drive.png``. None, for a notebook or ``pyplot.show()``, does not write a file.
 
         Raises:
             DiffbotError: if the file cannot be written.
@@ -117,7 +117,7 @@ class Simulation(ClosedLoop):
         """Drive to a goal until it is reached or given up.
 
         Raises:
-            InvalidValueError: if the goal is not three finite numbers.
+            InvalidValueError: if the goal is not three finite numbers, or its heading seems to be in degrees.
         """
         return Recording(*super().drive(goal_of("goal", goal)))
 

@@ -1,4 +1,4 @@
-"""Read rosbag2 MCAP bags: topics, raw messages in the order of log time, and decoded messages; several bags as one.
+"""Read topics, raw messages and decoded messages of one or several rosbag2 MCAP bags, in the order of log time.
 
 If the recorder of a bag was killed, its last file has no index. That file is scanned up to its last whole record.
 """
@@ -121,7 +121,7 @@ class BagReader:
             self._open = None
 
     def _stream(self, number: int) -> BinaryIO:
-        """Open a file of the bag and close the previous one, since a bag may have more files than may be open."""
+        """Open a file of the bag and close the previous one, since a process may not open all files of a long bag."""
         if self._open is None or self._open[0] != number:
             self.close()
             self._open = number, open_regular(self.files[number])
@@ -136,7 +136,7 @@ class BagReader:
             reasons.append(f"{FILE_NAME} is missing")
         if not reasons:
             return ""
-        return shown(f"{self.path} is unfinished: {'; '.join(reasons)} (`diffbot bag repair` writes a complete one)")
+        return shown(f"{self.path} is unfinished: {'; '.join(reasons)} (`diffbot bag repair` writes a complete bag)")
 
     @property
     def custom_data(self) -> Mapping[str, str]:
@@ -172,7 +172,7 @@ class BagReader:
         """Iterate over the messages as bytes, in the order of log time, then in the order of the files.
 
         Args:
-            topics: names to keep; None for all.
+            topics: names of the topics to read; None for all.
             start: [ns] earliest log time, included.
             end: [ns] latest log time, included.
             reverse: iterate from the latest message to the earliest.
@@ -181,8 +181,8 @@ class BagReader:
         earliest, latest = 0 if start is None else start, MAX_TIME if end is None else end
 
         def is_needed(block: Block) -> bool:
-            is_within = block.start <= latest and block.end >= earliest
-            return is_within and not (block.channels and block.channels.isdisjoint(selected[block.file]))
+            overlaps = block.start <= latest and block.end >= earliest
+            return overlaps and not (block.channels and block.channels.isdisjoint(selected[block.file]))
 
         sign = -1 if reverse else 1
 
@@ -282,7 +282,7 @@ def topic_of(channel: Channel, schema: Schema | None, message_count: int = 0) ->
     """Return the topic that an MCAP channel describes.
 
     Raises:
-        DiffbotError: if its QoS cannot be read.
+        DiffbotError: if the QoS in its metadata cannot be read.
     """
     try:
         qos = _load_profiles(channel.metadata.get(QOS_KEY, ""))
@@ -293,10 +293,10 @@ def topic_of(channel: Channel, schema: Schema | None, message_count: int = 0) ->
 
 
 def _with_count(known: Topic | None, topic: Topic, place: object) -> Topic:
-    """Return the known topic with the message count of ``topic`` added, or ``topic`` if none is known.
+    """Return ``known`` with the message count of ``topic`` added, or ``topic`` if ``known`` is None.
 
     Raises:
-        DiffbotError: naming ``place``, if type or encoding differ.
+        DiffbotError: if type or encoding differ; the text begins with ``place``.
     """
     if known is None:
         return topic
@@ -363,7 +363,7 @@ class MergedBags:
     def latched_before(self, time: int, topics: Iterable[str]) -> list[RawMessage]:
         """Return the latched messages of all bags, oldest first; see :meth:`BagReader.latched_before`.
 
-        Each bag adds its own: /tf_static of two robots is one topic with two last messages.
+        The result has the latched messages of each bag: /tf_static of two robots is one topic with two last messages.
         """
         names = tuple(topics)
         found = [message for reader in self.readers for message in reader.latched_before(time, names)]

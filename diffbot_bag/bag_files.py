@@ -22,7 +22,7 @@ from diffbot_bag.qos import dump_profiles
 from diffbot_core.files import write_text
 
 LIBRARY = "diffbot"
-"""Name of the writer in the header of each file. It numbers channels in the order of the topics in metadata.yaml."""
+"""Name in the header of each file. These files number the channels in the order of the topics in metadata.yaml."""
 Row = tuple[int, int, bytes, int, int]
 """Channel, log time [ns], data, publish time [ns], sequence number: the arguments of mcap's ``add_message``."""
 _HEAD = struct.Struct("<BQHIQQ")
@@ -36,7 +36,7 @@ class FileLimits(NamedTuple):
     """Limits at which a file ends and the next one begins; 0: no limit."""
 
     max_size: int = 0
-    """[bytes] size of a file; the chunk that reaches it is the last chunk of the file"""
+    """[bytes] size of a file; the chunk that reaches this size is the last chunk of the file"""
     max_duration: int = 0
     """[ns] between the first message of a file and the first message of the next file"""
     max_files: int = 0
@@ -104,7 +104,7 @@ class BagFiles:
         self._number += 1
         self.path = self._folder / f"{self._folder.name}_{self._number}.mcap"
         self._stream = self.path.open("xb")
-        # Each batch of messages becomes one chunk: the writer does not begin chunks by itself.
+        # Each batch of messages becomes one chunk, so the writer must not end a chunk by itself.
         self._writer = Writer(self._stream, chunk_size=2**62, compression=self._compression)
         self._writer.start("ros2", LIBRARY)
         for topic, schema in self._channels:
@@ -171,7 +171,7 @@ class BagFiles:
         """Write rows as one chunk."""
         if not rows:
             return
-        # metadata.yaml lists the topics first: a repair needs it if this chunk is damaged later.
+        # Write metadata.yaml before a new topic's messages: a repair needs the list of topics if this chunk is damaged.
         if not self._metadata_lists_all_topics:
             self._write_metadata(durable=False)
         first, last = add_messages(self._writer, rows)
@@ -200,7 +200,7 @@ class BagFiles:
         self._write_metadata(durable=True)
 
     def split(self) -> bool:
-        """End the current file and return True, if it has a message."""
+        """End the current file if it has messages; return True if it was ended."""
         has_messages = bool(self._counts)
         if has_messages:
             self.end()

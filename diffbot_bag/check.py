@@ -20,7 +20,7 @@ VERSION = 1
 MAX_BYTES = 2**20
 """[bytes] largest contract that is read"""
 BAG = "bag"
-"""Section of the rules for the whole bag, and its name in results in place of a topic."""
+"""Section of the rules for the whole bag; in results, it stands in place of a topic."""
 _MAX_COUNT = 2**63 - 1
 _SPAN = "time from the first to the last message"
 _RATE = "number of intervals divided by the time from the first to the last message"
@@ -53,7 +53,7 @@ class TopicRules(NamedTuple):
     max_stamp_gap: Annotated[
         float,
         Spec(
-            "step between two consecutive stamps, whatever the delay of the recorder",
+            "step between two consecutive stamps; it does not depend on delays of the recorder",
             "s",
             0.0,
             _MAX_BOUND,
@@ -99,7 +99,7 @@ class RuleResult(NamedTuple):
     rule: str
     passed: bool
     measured: Value
-    """measured value; None if it cannot be measured, then the rule fails"""
+    """measured value; None if it could not be measured, in which case the rule fails"""
     bound: Value
     unit: str = ""
 

@@ -32,7 +32,7 @@ def from_ros(profile: QoSProfile) -> Qos:
 
 
 def to_ros(qos: Qos) -> QoSProfile:
-    """Return the profile of a publisher or subscription for ROS, whose default durations are infinite."""
+    """Convert a profile to ROS; infinite durations are left at the defaults of QoSProfile."""
     durations = {
         name: Duration(nanoseconds=value)
         for name in ("deadline", "lifespan", "liveliness_lease_duration")
@@ -67,7 +67,7 @@ def message_class(type_name: str) -> Any:
     lists are imported, and only from the prefix of that index.
 
     Raises:
-        DiffbotError: if the type is not installed.
+        DiffbotError: if the type is not installed or cannot be loaded.
     """
     package, kind, name = split_type_name(type_name)
     prefixes = interface_prefixes(package)

@@ -25,11 +25,11 @@ def cut(
 ) -> BagMetadata:
     """Write the messages with ``start <= log time < end`` to a new bag, in the order of log time.
 
-    The parameters of the nodes and the numbers of lost messages are copied, too.
+    The parameters of the nodes are copied, too, and the numbers of lost messages are added up.
 
     Args:
         bags: open bags; for equal log times, messages of an earlier bag come first.
-        output: folder of the new bag, which must not exist. It appears when it is complete.
+        output: folder of the new bag, which must not exist. It appears when the bag is complete.
         start: [ns] earliest log time; None: the log time of the first message.
         end: [ns] log time before which the new bag ends; None: include the last message.
         keep: returns True for a topic to keep.
@@ -37,7 +37,7 @@ def cut(
         progress: called with 1 for each message.
 
     Raises:
-        DiffbotError: if ``keep`` does not select a topic, a bag is damaged, or the new bag cannot be written.
+        DiffbotError: if ``keep`` does not select any topic, a bag is damaged, or the new bag cannot be written.
     """
     topics = {name: topic for name, topic in bags.topics.items() if keep(topic)}
     if not topics:

@@ -53,12 +53,12 @@ class Index(NamedTuple):
     attachments: Mapping[str, int]
     """[bytes] offset of the newest attachment of each name"""
     unfinished: str = ""
-    """reason why the file is not complete; empty if it is"""
+    """reason why the file is not complete; empty for a complete file"""
 
 
 @contextmanager
 def _reading(path: Path) -> Iterator[None]:
-    """Raise every error of reading and parsing the file as a DiffbotError."""
+    """Convert every error of reading and parsing the file to a DiffbotError."""
     try:
         yield
     except DiffbotError:
@@ -117,7 +117,7 @@ def _from_summary(stream: BinaryIO, size: int, number: int) -> Index | None:
 
 
 def _from_scan(stream: BinaryIO, size: int, number: int) -> Index:
-    """Return the index by reading the whole file, up to the last whole record if its writer was killed."""
+    """Return the index by reading the whole file, or up to the last whole record if its writer was killed."""
     stream.seek(0)
     schemas: dict[int, Schema] = {}
     channels: dict[int, Channel] = {}
@@ -140,8 +140,8 @@ def _from_scan(stream: BinaryIO, size: int, number: int) -> Index:
             counts.update(message.channel_id for message in messages)
             times = [message.log_time for message in messages]
             if isinstance(record, Chunk) and messages:
-                of = frozenset(message.channel_id for message in messages)
-                blocks.append(Block(min(times), max(times), number, begin, end, of))
+                with_messages = frozenset(message.channel_id for message in messages)
+                blocks.append(Block(min(times), max(times), number, begin, end, with_messages))
             elif messages:
                 first = loose or Block(times[0], times[0], number, begin, end, frozenset())
                 loose = first._replace(start=min(first.start, *times), end=max(first.end, *times), stop=end)

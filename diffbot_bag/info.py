@@ -19,9 +19,9 @@ from diffbot_bag.qos import Qos, to_plain
 from diffbot_core.stamps import NS_PER_S
 
 SCHEMA_VERSION = 2
-"""Version of :func:`info_as_plain`; it is increased when a key is removed or changes its meaning."""
+"""Version of the result of :func:`info_as_plain`; increased when a key is removed or changes its meaning."""
 _STAMP = {True: struct.Struct("<iI"), False: struct.Struct(">iI")}
-"""Seconds and nanoseconds of a stamp; True for little-endian bytes."""
+"""Seconds and nanoseconds of a stamp; the key True is for little-endian bytes."""
 _STAMP_AT = 4
 """[bytes] offset of the first field, after the encapsulation header of CDR"""
 _BEGINS_WITH_HEADER = re.compile(
@@ -109,7 +109,7 @@ class BagInfo(NamedTuple):
     recorder_lost: int | None
     """number of lost messages of all topics that the recorder reported; None without its report"""
     jumps: tuple[tuple[int, int], ...]
-    """log times [ns] before and after each time longer than GAP without messages; empty if messages were not read"""
+    """log times [ns] at start and end of each gap longer than GAP; empty if the messages were not read"""
 
     @property
     def size(self) -> int:
@@ -217,8 +217,8 @@ class _Columns:
         gaps = np.diff(times)
         span = (times[-1] - times[0]) / NS_PER_S if len(times) else 0.0
         stamps = np.array(self.stamps, np.int64)
-        known = stamps != 0
-        steps = np.diff(stamps[known])
+        has_stamp = stamps != 0
+        steps = np.diff(stamps[has_stamp])
         return TopicFigures(
             bytes=self.size,
             first=int(times[0]) if len(times) else 0,
@@ -226,8 +226,8 @@ class _Columns:
             rate=float(len(gaps) / span) if span > 0.0 else None,
             gap=float(gaps.max() / NS_PER_S) if len(gaps) else None,
             gap_begin=int(times[gaps.argmax()]) if len(gaps) else None,
-            latency=_latency(times[known] - stamps[known]) if known.any() else None,
-            unstamped=int(np.count_nonzero(~known)) if self.is_stamped else None,
+            latency=_latency(times[has_stamp] - stamps[has_stamp]) if has_stamp.any() else None,
+            unstamped=int(np.count_nonzero(~has_stamp)) if self.is_stamped else None,
             stamps_back=int(np.count_nonzero(steps < 0)) if self.is_stamped else None,
             stamp_gap=max(float(steps.max()) / NS_PER_S, 0.0) if len(steps) else None,
             missing=_missing(self.sequences, publishers) if any(self.sequences) else None,
@@ -247,12 +247,12 @@ def _missing(sequences: array[int], publishers: int) -> int:
 
 
 def _jumps(all_times: list[array[int]]) -> tuple[tuple[int, int], ...]:
-    """Return the log times before and after each time longer than GAP without messages."""
+    """Return the log times at start and end of each gap longer than GAP."""
     if not all_times:
         return ()
     times = np.sort(np.concatenate([np.array(topic_times, np.int64) for topic_times in all_times]))
-    at = np.flatnonzero(np.diff(times) > GAP)
-    return tuple((int(times[index]), int(times[index + 1])) for index in at)
+    starts = np.flatnonzero(np.diff(times) > GAP)
+    return tuple((int(times[index]), int(times[index + 1])) for index in starts)
 
 
 def _reported_losses(custom_data: Mapping[str, str]) -> tuple[int | None, dict[str, int]]:

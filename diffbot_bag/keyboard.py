@@ -16,7 +16,7 @@ _KEYS = re.compile(rb" |\x1b[\[O]([ABC])")
 
 
 class Keyboard:
-    """The terminal of stdin, which sends each key at once and does not echo it until :meth:`close`.
+    """The terminal of stdin. Until :meth:`close`, it sends each key at once and does not echo it.
 
     Ctrl-C works as usual. Without a terminal, or while this process is in the background, no keys are returned.
     """
@@ -24,16 +24,16 @@ class Keyboard:
     def __init__(self, descriptor: int = 0) -> None:
         """Prepare the terminal of a file descriptor."""
         self._descriptor = descriptor
-        self._before = termios.tcgetattr(descriptor) if self._is_ours() else None
+        self._saved_mode = termios.tcgetattr(descriptor) if self._is_foreground() else None
         # The process may end without close(), by an exception or sys.exit.
         atexit.register(self.close)
 
     @property
     def is_open(self) -> bool:
         """True if there is a terminal."""
-        return self._before is not None
+        return self._saved_mode is not None
 
-    def _is_ours(self) -> bool:
+    def _is_foreground(self) -> bool:
         """Return True if this process is in the foreground; reading in the background would stop the process."""
         try:
             return os.isatty(self._descriptor) and os.tcgetpgrp(self._descriptor) == os.getpgrp()
@@ -42,7 +42,7 @@ class Keyboard:
 
     def pressed(self) -> list[str]:
         """Return the keys pressed since the last call."""
-        if not self.is_open or not self._is_ours():
+        if not self.is_open or not self._is_foreground():
             return []
         with contextlib.suppress(OSError, termios.error):  # the terminal was closed
             # After Ctrl-Z and fg, the shell has restored the mode of the terminal.
@@ -55,9 +55,9 @@ class Keyboard:
         return []
 
     def close(self) -> None:
-        """Restore the terminal, unless another process has it."""
+        """Restore the mode of the terminal, unless this process is in the background."""
         atexit.unregister(self.close)
-        before, self._before = self._before, None
-        if before is not None and self._is_ours():
+        mode, self._saved_mode = self._saved_mode, None
+        if mode is not None and self._is_foreground():
             with contextlib.suppress(OSError, termios.error):
-                termios.tcsetattr(self._descriptor, termios.TCSADRAIN, before)
+                termios.tcsetattr(self._descriptor, termios.TCSADRAIN, mode)

@@ -22,7 +22,7 @@ class LossCounter:
     A message has a sequence number but does not name its publisher. So the numbers of several publishers are
     interleaved, and a number continues the sequence whose last number precedes it. A number that does not continue a
     sequence is either the first number of another publisher, or there is a gap before it. It is counted as a gap until
-    the previous sequence continues: then there are two publishers, and the gap is subtracted again.
+    the previous sequence continues, which shows that there are two publishers; then the gap is subtracted again.
 
     The count is exact for one publisher. With several publishers, messages that a publisher loses before its first
     received message are not counted.
@@ -50,10 +50,10 @@ class LossCounter:
         sequences = self._sequences
         if self._next >= 0:
             sequences[0].last = self._next - 1
-        self._note(number)
+        self._continue_or_begin(number)
         self._next = sequences[0].last + 1 if len(sequences) == 1 else -1
 
-    def _note(self, number: int) -> None:
+    def _continue_or_begin(self, number: int) -> None:
         sequences = self._sequences
         sequence = next((known for known in sequences if known.last == number - 1), None)
         if sequence is None:
@@ -71,7 +71,7 @@ class LossCounter:
                 other.origin = None
 
     def _begin(self, number: int, origin: _Sequence | None) -> None:
-        """Begin a sequence. If each publisher has one, replace the one with the lowest number: its publisher left."""
+        """Begin a sequence. If each publisher has one, replace the lowest one, whose publisher has left."""
         if len(self._sequences) >= self.publishers:
             lowest = min(self._sequences, key=lambda known: known.last)
             lowest.last, lowest.origin = number, None

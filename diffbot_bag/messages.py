@@ -29,7 +29,7 @@ def _jazzy() -> Typestore:
 
 @functools.lru_cache(maxsize=1024)
 def _store(type_name: str, definition: str | None) -> Typestore:
-    """Return a typestore that contains the type, from its definition or from ROS 2 Jazzy or an installed package."""
+    """Return a typestore with the type; without a definition, it is from ROS 2 Jazzy or an installed package."""
     if definition is None:
         if type_name in _jazzy().types:
             return _jazzy()
@@ -63,7 +63,7 @@ def decode(type_name: str, data: bytes, definition: str | None = None) -> Any:
     try:
         return store.deserialize_cdr(data, type_name)
     except Exception as error:  # struct.error, IndexError, MemoryError ... of the generated code
-        raise DiffbotError(f"{len(data)} bytes are not a {shown(type_name)}") from error
+        raise DiffbotError(f"cannot decode {len(data)} bytes as {shown(type_name)}") from error
 
 
 def encode(type_name: str, message: Any) -> bytes:
@@ -76,7 +76,7 @@ def encode(type_name: str, message: Any) -> bytes:
     try:
         return bytes(store.serialize_cdr(message, type_name))
     except Exception as error:  # AttributeError, struct.error ... of the generated code
-        raise DiffbotError(f"cannot encode a {shown(type_name)}: {shown(error)}") from error
+        raise DiffbotError(f"cannot encode the message as {shown(type_name)}: {shown(error)}") from error
 
 
 def make(type_name: str, /, **fields: Any) -> Any:

@@ -23,7 +23,7 @@ class Topic(NamedTuple):
 
     name: str
     type: str
-    """``pkg/msg/Type``; for other encodings than CDR the name of the schema"""
+    """``pkg/msg/Type``, or the name of the schema for an encoding other than CDR"""
     type_hash: str = ""
     """``RIHS01_...``; empty if unknown"""
     qos: tuple[Qos, ...] = ()
@@ -69,7 +69,7 @@ class BagMetadata(NamedTuple):
 
 
 def to_yaml(bag: BagMetadata, *, root: bool = True) -> str:
-    """Return the YAML text; without ``root`` only the inner map, which the MCAP record ``rosbag2`` contains."""
+    """Return the YAML text; without ``root``, return only the inner map, as in the MCAP record ``rosbag2``."""
     inner: dict[str, Any] = {
         "version": VERSION,
         "storage_identifier": "mcap",
@@ -111,7 +111,7 @@ def read(folder: Path) -> BagMetadata:
     """Read metadata.yaml in the folder of a bag.
 
     Raises:
-        DiffbotError: if the file is not YAML, does not describe a rosbag2 bag, or the bag is not stored as MCAP.
+        DiffbotError: if the file is not YAML or does not describe a rosbag2 bag, or if the bag is not stored as MCAP.
     """
     path = folder / FILE_NAME
     content = load_yaml(read_text(path, MAX_BYTES), shown(path))
@@ -163,7 +163,7 @@ def path_inside(folder: Path, name: str) -> Path:
     """Return the path of a file of a bag, given the name in its metadata.
 
     Raises:
-        DiffbotError: if the path is outside the folder: absolute, or by ``..`` or a symbolic link.
+        DiffbotError: if the name is absolute, or leads out of the folder by ``..`` or a symbolic link.
     """
     path = folder / name
     try:

@@ -27,7 +27,7 @@ _SECRET = re.compile(r"passw|secret|token|credential|api_?key|private_?key", re.
 
 
 class NodeParameters:
-    """Requests the parameters of each node once, and once more if it leaves the graph and returns.
+    """Requests the parameters of each node once, and again if the node leaves the graph and returns.
 
     rclpy's AsyncParameterClient is not used: under SROS2 it needs the permission to set the parameters of all nodes.
     """

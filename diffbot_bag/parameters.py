@@ -1,4 +1,4 @@
-"""Parameters of the recorder and the replay node. A name of rosbag2 has the same meaning as in rosbag2."""
+"""Parameters of the recorder and the replay node. Names that rosbag2 has, too, have the same meaning there."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ MIN_SIZE = 64 * 1024
 MIN_DURATION = 0.1
 """[s] smallest limit of a file's duration"""
 _MAX_TIME = 9e9
-"""[s] latest time since 1970 that 64 bits hold in nanoseconds"""
+"""[s] rounded largest time since 1970 that fits into 64 bits as nanoseconds"""
 MIN_RATE, MAX_RATE = 1e-6, 1e6
 _fixed = functools.partial(Spec, read_only=True)
 """Spec of a parameter that cannot be changed while the node runs."""
@@ -24,10 +24,10 @@ class RecorderConfig(NamedTuple):
     """Configuration of the recorder."""
 
     uri: Annotated[str, _fixed("folder of the bag; empty: rosbag2_<date and time>")] = ""
-    topics: Annotated[tuple[str, ...], _fixed("topics to record; empty: all")] = ()
-    regex: Annotated[str, _fixed("also record topics whose whole name matches")] = ""
+    topics: Annotated[tuple[str, ...], _fixed("topics to record; all topics if topics and regex are empty")] = ()
+    regex: Annotated[str, _fixed("regular expression; topics whose whole name matches are recorded, too")] = ""
     exclude_topics: Annotated[tuple[str, ...], _fixed("topics to exclude")] = ()
-    exclude_regex: Annotated[str, _fixed("exclude topics whose whole name matches")] = ""
+    exclude_regex: Annotated[str, _fixed("regular expression; topics whose whole name matches are excluded")] = ""
     include_hidden_topics: Annotated[
         bool, _fixed("also record hidden topics, which have a part that begins with _")
     ] = False
@@ -43,12 +43,12 @@ class RecorderConfig(NamedTuple):
         float, _fixed("duration after which a file ends; 0: no limit, else >= 0.1", "s", 0.0, 1e6)
     ] = 0.0
     max_bag_files: Annotated[
-        int, _fixed("number of files to keep, older files are deleted; 0: all", minimum=0, maximum=1_000_000)
+        int, _fixed("number of files to keep; older files are deleted; 0: keep all", minimum=0, maximum=1_000_000)
     ] = 0
     flush_period: Annotated[
         float,
         _fixed(
-            "time between two flushes to the disk; a crash loses the messages of at most this time and of one flush",
+            "time between two flushes to the disk; a crash loses at most the messages of this time and of one flush",
             "s",
             0.05,
             60.0,
@@ -73,23 +73,23 @@ class ReplayConfig(NamedTuple):
 
     uri: Annotated[str, _fixed("folder of the bag, or an MCAP file")] = ""
     bags: Annotated[tuple[str, ...], _fixed("more bags to merge with the first one by log time")] = ()
-    topics: Annotated[tuple[str, ...], _fixed("topics to play; empty: all")] = ()
-    regex: Annotated[str, _fixed("also play topics whose whole name matches")] = ""
+    topics: Annotated[tuple[str, ...], _fixed("topics to play; all topics if topics and regex are empty")] = ()
+    regex: Annotated[str, _fixed("regular expression; topics whose whole name matches are played, too")] = ""
     exclude_topics: Annotated[tuple[str, ...], _fixed("topics to exclude")] = ()
-    exclude_regex: Annotated[str, _fixed("exclude topics whose whole name matches")] = ""
+    exclude_regex: Annotated[str, _fixed("regular expression; topics whose whole name matches are excluded")] = ""
     qos_profile_overrides_path: Annotated[
         str, _fixed("YAML file with the QoS of publishers by topic, in rosbag2's format; empty: none")
     ] = ""
     rate: Annotated[float, Spec("speed, as a multiple of the recorded speed", minimum=MIN_RATE, maximum=MAX_RATE)] = 1.0
     as_fast_as_possible: Annotated[
-        bool, _fixed("send as fast as reliable subscribers acknowledge, whatever the rate")
+        bool, _fixed("ignore the rate, and send as fast as reliable subscribers acknowledge")
     ] = False
     seek: Annotated[
         float,
-        Spec("each change jumps to this time after the bag's first message; negative: none", "s", -1.0, _MAX_TIME),
+        Spec("each change jumps to this time after the bag's first message; negative: no jump", "s", -1.0, _MAX_TIME),
     ] = -1.0
     skip_gaps: Annotated[
-        bool, Spec("skip times of more than a minute without messages, such as a jump of the robot's clock")
+        bool, Spec("skip gaps of more than a minute without messages, such as at a jump of the robot's clock")
     ] = False
     start_offset: Annotated[float, _fixed("begin at this time after the bag's first message", "s", 0.0, _MAX_TIME)] = (
         0.0
@@ -100,7 +100,7 @@ class ReplayConfig(NamedTuple):
     loop: Annotated[bool, _fixed("repeat the replay until it is stopped")] = False
     start_paused: Annotated[bool, _fixed("wait until ~/resume or ~/play_next is called")] = False
     disable_keyboard_controls: Annotated[bool, _fixed("ignore the keys of the terminal")] = False
-    clock: Annotated[float, _fixed("frequency of /clock; 0: none", "Hz", 0.0, 10_000.0)] = 0.0
+    clock: Annotated[float, _fixed("frequency of /clock; 0: do not publish /clock", "Hz", 0.0, 10_000.0)] = 0.0
     wait_timeout: Annotated[
         float, _fixed("longest wait until every topic has a subscriber; 0: do not wait", "s", 0.0, 86400.0)
     ] = 1.0

@@ -17,11 +17,11 @@ from diffbot_core.errors import InvalidValueError
 from diffbot_core.stamps import NS_PER_S
 
 GAP = 60 * NS_PER_S
-"""[ns] A longer time without messages is a gap, which is reported, and skipped on request."""
+"""[ns] A longer time without messages is a gap. The player reports gaps, and skips them on request."""
 COARSE = 2_000_000
-"""[ns] This long before a deadline, the player sleeps or spins instead of waiting for requests of other threads."""
+"""[ns] Within this time before a deadline, the player sleeps or spins, and ignores requests of other threads."""
 SPIN = 100_000
-"""[ns] This long before a deadline, the clock spins, since a sleep ends up to this late."""
+"""[ns] Within this time before a deadline, the clock spins, since a sleep may end late by this time."""
 LONGEST_WAIT = 3600.0
 """[s] longest single wait; a gap may be longer than the longest timeout of a lock"""
 LATENESS_SAMPLES = 20_000
@@ -29,7 +29,7 @@ LATENESS_SAMPLES = 20_000
 STEP_TIMEOUT = 1.0
 """[s] longest wait of :meth:`Player.step`"""
 BATCH, BATCHES = 50, 20
-"""Messages per item of the queue of messages read ahead, and number of items; single messages would be slower."""
+"""Messages per item of the read-ahead queue, and maximum number of items; single messages would be slower."""
 
 
 class Window(NamedTuple):
@@ -40,7 +40,7 @@ class Window(NamedTuple):
 
 
 def window(first: int, last: int, start_offset: float, playback_duration: float) -> Window:
-    """Return the part to play of a bag.
+    """Return the part of a bag to play.
 
     Args:
         first: [ns] log time of the first message.
@@ -131,7 +131,7 @@ class Progress(NamedTuple):
 
 
 class Source(NamedTuple):
-    """Functions from which a player reads messages."""
+    """Functions that a player calls to read messages."""
 
     messages: Callable[[int], Iterable[RawMessage]]
     """returns the messages from a log time [ns] to the end of the window, in the order of log time"""
@@ -140,7 +140,7 @@ class Source(NamedTuple):
 
 
 class Sink(NamedTuple):
-    """Functions to which a player sends messages, clock and reports."""
+    """Functions that a player calls to send messages, /clock and reports."""
 
     send: Callable[[RawMessage], None]
     """sends one message; may block until subscribers have acknowledged earlier messages"""
@@ -250,9 +250,9 @@ class Player:
             while not self._stopped:
                 before = self._sent
                 self._rounds += 1
-                was_sought = self._play_round()
+                did_seek = self._play_round()
                 # A loop without messages would never wait.
-                if not self._loop or (self._sent == before and not was_sought):
+                if not self._loop or (self._sent == before and not did_seek):
                     return
         finally:
             with self._change():
@@ -260,15 +260,15 @@ class Player:
 
     def _play_round(self) -> bool:
         """Play from the start of the window to its end; return True if there was a seek."""
-        start, was_sought = self._window.start, False
+        start, did_seek = self._window.start, False
         while not self._stopped:
             with self._changed:
                 if self._seek_to is not None:
-                    start, was_sought, self._seek_to = self._seek_to, True, None
+                    start, did_seek, self._seek_to = self._seek_to, True, None
             self._play_from(start)
             if self._seek_to is None:
                 break
-        return was_sought
+        return did_seek
 
     def _play_from(self, start: int) -> None:
         """Play from a log time [ns] to the end of the window, or until a stop or a seek."""
@@ -296,7 +296,8 @@ class Player:
                 if self._stopped or self._seek_to is not None:
                     return False
                 now, timeline = self._clock.now(), self._timeline
-                if self._sent < self._step_until if timeline.paused else is_gap and self._skip_gaps:
+                skips_wait = self._sent < self._step_until if timeline.paused else is_gap and self._skip_gaps
+                if skips_wait:
                     self._timeline = timeline._replace(bag=max(timeline.bag, log_time), steady=now)
                     return True
                 tick = self._next_tick(now) if self._tick_period else None
@@ -378,7 +379,7 @@ def read_ahead(messages: Iterable[RawMessage]) -> Iterator[Iterator[RawMessage]]
         yield iterate()
     finally:
         stop.set()
-        # Empty the queue: the thread blocks while it is full.
+        # Empty the queue, because the thread blocks while the queue is full.
         while thread.is_alive():
             with contextlib.suppress(queue.Empty):
                 items.get_nowait()

@@ -1,4 +1,4 @@
-"""Publish the messages of a replay with one publisher per topic, and wait for their subscribers."""
+"""Publish the messages of a replay with one publisher per topic, and wait for subscribers."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MAX_UNACKNOWLEDGED = 200
 POLL = 0.02
 """[s] time between two checks of the subscribers"""
 SETTLE = 0.25
-"""[s] additional time for discovery and for last messages, which a publisher cannot observe"""
+"""[s] additional wait for events that a publisher cannot observe: its discovery, and the arrival of last messages"""
 
 
 class Publications:
@@ -103,7 +103,7 @@ class Publications:
     def wait_for_subscribers(self, timeout: float) -> None:
         """Wait until each topic has a subscriber, for at most ``timeout`` [s].
 
-        A publisher knows its subscriber before the subscriber knows the publisher, so this waits SETTLE longer.
+        A publisher discovers a subscriber before the subscriber discovers it, so this method waits SETTLE longer.
         """
         missing = self._wait(lambda publisher: publisher.get_subscription_count() > 0, timeout)
         if len(missing) < len(self._publishers):

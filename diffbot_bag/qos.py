@@ -1,4 +1,4 @@
-"""Quality of service without ROS, with the names of rosbag2's YAML.
+"""QoS profiles without ROS, with the names of rosbag2's YAML.
 
 A bag stores the profile that each publisher of a topic offered. The recorder subscribes with a profile that is
 compatible with all offers. The replay publishes with one profile that replaces all recorded publishers.
@@ -75,12 +75,12 @@ def from_plain(plain: Mapping[str, Any]) -> Qos:
         try:
             fields[name] = _read_field(name, plain[name])
         except (LookupError, TypeError, ValueError, OverflowError) as error:
-            raise DiffbotError(f"{name} = {shown(plain[name])} is not a value of a QoS profile") from error
+            raise DiffbotError(f"{name} = {shown(plain[name])} is not allowed in a QoS profile") from error
     return Qos(**fields)
 
 
 def _read_field(name: str, value: Any) -> Any:
-    """Convert the value of one field; an error of any type means that it is not allowed."""
+    """Convert the value of one field; raise an error of any type if it is not allowed."""
     if policies := _POLICIES.get(name):
         return policies[range(len(policies))[value] if isinstance(value, int) else policies.index(value)]
     if name in _DURATIONS:
@@ -191,7 +191,7 @@ def _override(plain: Any) -> Qos:
     if not 1 <= qos.depth <= MAX_DEPTH:
         raise InvalidValueError("depth", qos.depth, f">= 1 and <= {MAX_DEPTH}")
     for name, policies in _POLICIES.items():
-        # Only discovery reports or resolves these; an endpoint cannot be created with them.
+        # Discovery reports these values, but an endpoint cannot be created with them.
         if (value := getattr(qos, name)) in ("unknown", "best_available"):
             allowed = [policy for policy in policies if policy not in ("unknown", "best_available")]
             raise InvalidValueError(name, value, f"one of {', '.join(allowed)}")

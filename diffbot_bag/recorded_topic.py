@@ -19,7 +19,7 @@ class RecordedTopic:
     """A topic with its channel in the bag, its subscription and its losses."""
 
     def __init__(self, node: Any, name: str, type_name: str, channel: int, request: Qos, fixed: bool) -> None:
-        """Start without a subscription. ``request`` is its QoS, which never changes if it is ``fixed``."""
+        """Start without a subscription. ``request`` is its QoS; if ``fixed``, it is not adapted to publishers."""
         self._node = node
         self.name, self.type_name, self.channel, self.request, self.fixed = name, type_name, channel, request, fixed
         self.losses = LossCounter(self.publisher_count)
@@ -56,7 +56,7 @@ class RecordedTopic:
         self._subscription = self._node.create_subscription(kind, self.name, adapted, qos, raw=True)
 
     def take_queued(self) -> int | None:
-        """Receive one message from the queue of the subscription; return its source timestamp [ns], None if empty."""
+        """Receive one message from the queue of the subscription; return its source timestamp [ns], or None."""
         with self._subscription.handle:
             taken = self._subscription.handle.take_message(self._subscription.msg_type, True)
         if taken is None:
@@ -67,7 +67,7 @@ class RecordedTopic:
     def check_publishers(self) -> bool:
         """Subscribe again if a publisher offers a weaker QoS; log publishers that are not recorded.
 
-        Return True if a publisher that is not recorded was found, or the reason has changed.
+        Return True if a new publisher does not match the subscription, or the reason for a mismatch has changed.
         """
         self.checks += 1
         before, self.unmatched = self.unmatched, {}
@@ -86,7 +86,7 @@ class RecordedTopic:
         return bool(new)
 
     def _mismatch(self, publisher: Any) -> str:
-        """Return the reason why the subscription does not match a publisher; empty if it does or will match it."""
+        """Return why the subscription does not match a publisher; empty if it matches, or discovery is not complete."""
         if publisher.topic_type != self.type_name:
             return f"its type is {publisher.topic_type}, but {self.type_name} is recorded"
         offered = from_ros(publisher.qos_profile)

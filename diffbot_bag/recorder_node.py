@@ -29,7 +29,7 @@ from diffbot_core.stamps import NS_PER_S
 POLL_PERIOD = 0.1
 """[s] time between two checks of the topics and publishers of the graph"""
 STATUS_PERIOD = 0.5
-"""[s] time between two ~/status messages without events, and between two checks of the disk"""
+"""[s] longest time between two ~/status messages, and time between two checks of the disk"""
 MIN_FREE_SPACE = 64 * 1024**2
 """[bytes] Recording ends if the disk has less free space."""
 QUIET = 0.05
@@ -106,7 +106,7 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
             work.append((POLL_PERIOD, self._node_parameters.poll))
         for period, task in work:
             self.create_timer(period, self._unless_failed(task), clock=self.steady_clock)
-        # An exception of the first update must not leave the constructor: the node has to close the bag.
+        # An exception of the first update must not leave the constructor, because then the bag would not be closed.
         self.contained(self._unless_failed(self.update_subscriptions), "the first search for topics")()
 
     def _unless_failed(self, task: Callable[[], None]) -> Callable[[], None]:
@@ -180,7 +180,7 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         self.get_logger().info(f"subscribed to {name} [{type_name}]")
 
     def _receiver(self, topic: RecordedTopic) -> Receive:
-        """Return the callback of a topic. It calls few functions: at 8 kHz, each call takes a percent of a core."""
+        """Return the callback of a topic. It calls few functions: each call takes 1 % of a core at 8 kHz."""
         writer, write = self._writer, self._writer.write
         note, channel, now = topic.losses.note, topic.channel, time.time_ns
 
@@ -209,7 +209,7 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         return receive
 
     def _write_or_hold(self, topic: RecordedTopic, message: HeldMessage) -> None:
-        """Write a message with simulated time, hold it before the first /clock, or drop it during a pause.
+        """Write a message with simulated time, hold it until the first /clock, or drop it during a pause.
 
         Latched messages are also recorded during a pause, since they are needed to interpret later messages.
         """
@@ -223,7 +223,7 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         elif self._held_bytes + len(message.data) > self.config.max_cache_size:
             self.health.drop(topic.name, "no /clock yet")
         else:
-            # A log time of 0 would make the bag decades long.
+            # With a log time of 0, the bag would seem to be decades long.
             self._held.append(message)
             self._held_bytes += len(message.data)
 

@@ -37,7 +37,7 @@ _RECORD_PATTERN = re.compile(rb"[\x01-\x0f](?=.{5}\0{3})", re.DOTALL)
 _BLOCK, _OVERLAP = 2**20, 8
 """[bytes] size of the parts in which a file is searched, and of the overlap that the pattern needs"""
 _CHAIN = 3
-"""number of consecutive plausible records that show the end of a damaged place"""
+"""number of consecutive plausible records that mark the end of a damaged place"""
 _PARSED = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.ATTACHMENT, Opcode.DATA_END}
 
 
@@ -58,12 +58,12 @@ class Damage(NamedTuple):
 
 
 class Repaired(NamedTuple):
-    """Metadata of the repaired bag, and what is lost."""
+    """Metadata of the repaired bag, and a list of the losses."""
 
     metadata: BagMetadata
     damages: list[Damage]
     lost: Counter[str]
-    """number of messages by topic that the index of a file lists and that could not be saved"""
+    """number of lost messages by topic: messages that the index counts and that could not be saved"""
     without_index: list[str]
     """files without a valid index: cut off, not finished, or damaged at the end"""
     missing: list[str]
@@ -90,7 +90,7 @@ class _Scan:
             try:
                 records, end = self._read(at)
             except _DamagedError:
-                records, end = None, self._next(at)
+                records, end = None, self._offset_after(at)
             yield end - at, records
             if records and isinstance(records[0], DataEnd):
                 return
@@ -107,7 +107,7 @@ class _Scan:
             _DamagedError: if the record at the offset is damaged.
         """
         end, opcode = self._end(at), self._bytes(at, 1)[0]
-        # If opcode or length may be damaged, try to read a chunk, which has a checksum.
+        # If opcode or length may be damaged, try to read a chunk: its checksum shows whether it is intact.
         if opcode == Opcode.CHUNK or end is None or not (self._end(end) is not None or self._is_chunk(end)):
             return self._read_chunk(at)
         if opcode not in _PARSED:
@@ -146,7 +146,7 @@ class _Scan:
         end: int = at + _RECORD.size + length
         return end if 0 < opcode <= Opcode.DATA_END and end <= self._size else None
 
-    def _next(self, damaged: int) -> int:
+    def _offset_after(self, damaged: int) -> int:
         """Return the offset at which to continue after a damaged record.
 
         This is the end of the record, if another record begins there. Otherwise it is the next intact chunk or chain of
@@ -189,11 +189,11 @@ def repair_bag(source: Path, target: Path, progress: Callable[[int], None] = lam
 
     Args:
         source: folder or MCAP file.
-        target: folder of the new bag, which must not exist. It appears when it is complete.
+        target: folder of the new bag, which must not exist. It appears when the bag is complete.
         progress: called with the number of bytes read since its last call.
 
     Raises:
-        DiffbotError: if the bag is missing, one of its files changes meanwhile, or the new bag cannot be written.
+        DiffbotError: if the bag is missing, a file changes during the repair, or the new bag cannot be written.
     """
     files, missing, stored = _find_files(source.expanduser())
     with new_bag(target) as writer:
@@ -203,7 +203,7 @@ def repair_bag(source: Path, target: Path, progress: Callable[[int], None] = lam
                 before = os.fstat(stream.fileno())
                 if stream.read(len(MCAP)) != MCAP:
                     raise DiffbotError(f"{shown(path)} is not an MCAP file")
-                copy.file(path.name, stream, progress)
+                copy.copy_file(path.name, stream, progress)
                 after = os.stat(path)
             if (before.st_size, before.st_mtime_ns) != (after.st_size, after.st_mtime_ns):
                 raise DiffbotError(f"{shown(path)} has changed while it was read: is it still being recorded?")
@@ -233,7 +233,7 @@ def _find_files(bag: Path) -> tuple[list[Path], list[str], BagMetadata | None]:
 
 
 class _Copy:
-    """Copies files to a writer and counts what is lost."""
+    """Copies files to a writer and counts the losses."""
 
     def __init__(self, writer: BagWriter, stored: tuple[Topic, ...]) -> None:
         """Start without files; ``stored`` are the topics of metadata.yaml, in their order."""
@@ -246,7 +246,7 @@ class _Copy:
         self.without_index: list[str] = []
         self.unknown: list[str] = []
 
-    def file(self, name: str, stream: BinaryIO, progress: Callable[[int], None]) -> None:
+    def copy_file(self, name: str, stream: BinaryIO, progress: Callable[[int], None]) -> None:
         """Copy the intact messages and attachments of a file."""
         summary, is_own = _summary_of(stream)
         if summary is None:
@@ -309,7 +309,7 @@ def _unknown(number: int) -> str:
 
 
 def _summary_of(stream: BinaryIO) -> tuple[Summary | None, bool]:
-    """Return the summary of a file, or None if it is missing or damaged, and True if BagWriter wrote the file."""
+    """Return the summary of a file (None if missing or damaged), and True if BagWriter wrote it."""
 
     def read(part: Callable[[], Any]) -> Any:
         try:

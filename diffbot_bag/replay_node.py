@@ -40,7 +40,7 @@ RATE_STEP = 0.1
 ACKNOWLEDGEMENT_TIMEOUT = 5.0
 """[s] longest wait for reliable subscribers at the end of the replay"""
 MAX_CLOCK = 2**31 * NS_PER_S
-"""[ns] first time that builtin_interfaces/Time cannot hold"""
+"""[ns] smallest time that is too large for builtin_interfaces/Time"""
 SWITCH_INTERVAL = 0.0005
 """[s] time after which Python switches threads; with its default of 5 ms, reading ahead delays messages"""
 PLAYER_NAME = "rosbag2_player"
@@ -48,7 +48,7 @@ PLAYER_NAME = "rosbag2_player"
 
 
 class ReplayNode(DiffbotNode[ReplayConfig]):
-    """Publishes the messages of one bag, or of several bags merged by log time, then exits."""
+    """Publishes the messages of one bag, or of several bags merged by log time, and then ends the process."""
 
     qos_by_parameters = False
 
@@ -164,7 +164,7 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
         text = f"{self._player.progress().sent} messages in {duration:.3f} s"
         if lateness:
             median, p99 = (lateness[len(lateness) * percent // 100] for percent in (50, 99))
-            text += f"; late: median {median / 1e3:.1f} us, 99 % within {p99 / 1e6:.2f} ms"
+            text += f"; lateness: median {median / 1e3:.1f} us, 99 % within {p99 / 1e6:.2f} ms"
         self.get_logger().info(text)
 
     def _publish_status(self) -> None:
@@ -208,7 +208,7 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
         return SetParametersResult(successful=True)
 
     def _apply(self, changes: list[Any]) -> None:
-        # Do not read self.config: rclpy calls the callback that was added last first, so the config may be the old one.
+        # rclpy calls the newest callback first, so self.config may still have the old values of these parameters.
         for change in changes:
             if change.name == "rate" and not self.config.as_fast_as_possible:
                 self._player.set_rate(change.value)
@@ -270,7 +270,7 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
             self.create_service(kind, f"{PLAYER_NAME}/{name}", self._service_callback(action, lambda fields: fields))
 
     def _actions(self) -> dict[str, Callable[[Any], dict[str, Any]]]:
-        """Return a function for each service; it returns the fields of rosbag2's response to a request."""
+        """Return the functions of the services. Each returns the fields of rosbag2's response to a request."""
         player = self._player
 
         def seek(request: Any) -> dict[str, Any]:

@@ -65,7 +65,7 @@ class BagWriter:
             chunk_size: [bytes] size of a chunk before compression.
             compression: one of COMPRESSIONS.
             limits: limits of each file; None: no limits.
-            max_backlog: [bytes] If more wait for the disk, :meth:`write` waits.
+            max_backlog: [bytes] If more messages wait for the disk, :meth:`write` waits.
 
         Raises:
             BagWriteError: if the folder already exists or cannot be created.
@@ -91,7 +91,7 @@ class BagWriter:
             raise BagWriteError(f"cannot create the bag {self.folder}: {error.strerror}") from error
         self._worker = ThreadPoolExecutor(1, "bag")
         # Detect a full disk now, not when the first chunk is full.
-        self._run(self._files.begin)
+        self._submit(self._files.begin)
         self._wait_for(self._files.sync)
 
     @property
@@ -99,13 +99,13 @@ class BagWriter:
         """The newest MCAP file."""
         return self._files.path
 
-    def _run(self, job: Callable[[], object], size: int = 0) -> Future[object]:
+    def _submit(self, job: Callable[[], object], size: int = 0) -> Future[object]:
         """Submit a job that writes ``size`` [bytes] to the worker; raise the error of an earlier job."""
         self._raise_failure()
         self._bytes_submitted += size
-        return self._worker.submit(self._do, job, size)
+        return self._worker.submit(self._execute, job, size)
 
-    def _do(self, job: Callable[[], object], size: int) -> object:
+    def _execute(self, job: Callable[[], object], size: int) -> object:
         try:
             # After an error the file has a gap, so later jobs must not write.
             return job() if self._error is None else None
@@ -116,7 +116,7 @@ class BagWriter:
             self._bytes_done += size
 
     def _wait_for(self, job: Callable[[], object]) -> object:
-        result = self._run(job).result()
+        result = self._submit(job).result()
         self._raise_failure()
         return result
 
@@ -162,12 +162,12 @@ class BagWriter:
         self._channels += 1
         if any(offer.is_latched for offer in topic.qos):
             self._files.latched[self._channels] = LatchedRows(len(topic.qos))
-        self._run(partial(self._files.add_channel, topic, schema))
+        self._submit(partial(self._files.add_channel, topic, schema))
         return self._channels
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
         """Add an attachment to the current file and all later files; it replaces an earlier one with its name."""
-        self._run(partial(self._files.attach, (name, media_type, data)))
+        self._submit(partial(self._files.attach, (name, media_type, data)))
 
     def write(self, channel: int, data: bytes, log_time: int, publish_time: int, sequence: int = 0) -> None:
         """Append one message; times in [ns].
@@ -188,7 +188,7 @@ class BagWriter:
             return
         rows, size = self._rows, self._rows_size
         self._rows, self._rows_size = [], 0
-        self._run(partial(self._files.write, rows), size)
+        self._submit(partial(self._files.write, rows), size)
         if self._bytes_submitted - self._bytes_done > self._max_backlog:
             self._wait_for(lambda: None)
 
@@ -197,7 +197,7 @@ class BagWriter:
         return channel in self._files.latched
 
     def note_publishers(self, channel: int, count: int) -> None:
-        """Set the number of publishers of a latched topic, which is the number of its messages to keep."""
+        """Increase the number of publishers of a latched topic, which determines how many of its messages are kept."""
         if (latched := self._files.latched.get(channel)) is not None:
             latched.publishers = max(latched.publishers, count)
 
@@ -215,18 +215,19 @@ class BagWriter:
             self._files.sync()
             self._flushed = count
 
-        self._run(flush)
+        self._submit(flush)
 
     @property
     def unflushed(self) -> int:
-        """Number of messages since the last flush. After an error, at most this many are missing in the file."""
+        """Number of messages since the last completed flush. After an error, at most these are missing in the file."""
         return self.count - self._flushed
 
     def check_disk(self, min_free: int) -> None:
         """Check that the current file still exists and that its disk has ``min_free`` [bytes] of free space.
 
         Raises:
-            BagWriteError: if not. The bag stays open, and the remaining space is used for its index.
+            BagWriteError: if the file is missing or the space is too small. The bag stays open, so that :meth:`close`
+                can use the remaining space for the index.
         """
         try:
             self.path.stat()

@@ -1,4 +1,4 @@
-"""The data sheet of a robot: limits of its commands, and delays between a command and the motion."""
+"""Data sheet of a robot: limits of its commands, and delays from a command to the motion."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ CommandLatency: TypeAlias = Annotated[
 class DataSheet(NamedTuple):
     """Limits and delays of a robot; ``inf`` means no limit. Parameters are named as in diff_drive_controller.
 
-    The defaults are the velocities of the paper's robot at a rim speed of 1.3 m/s, which is 26 rad/s of a wheel.
+    The defaults are the velocities of the paper's robot at a rim speed of 1.3 m/s, which is a wheel speed of 26 rad/s.
     """
 
     v_max: Annotated[
@@ -76,7 +76,7 @@ class DataSheet(NamedTuple):
 
 
 PAPER_DATA_SHEET = DataSheet(1.3, _INF, _INF, _INF, _INF)
-"""The paper's robot, which has a limit for |v| only."""
+"""The paper's robot, whose only limit is the bound of |v|."""
 
 
 def rim_speed(data_sheet: DataSheet) -> float:

@@ -1,4 +1,4 @@
-"""Check whether publishers and subscriptions of a topic match, and describe the remedy. Does not need ROS."""
+"""Find mismatches of publishers and subscriptions of a topic, and describe how to fix them. Does not need ROS."""
 
 from __future__ import annotations
 
@@ -38,15 +38,16 @@ class Endpoint(NamedTuple):
 
 
 def qos_mismatch(publisher: Endpoint, subscription: Endpoint) -> tuple[str, str]:
-    """Return the QoS policy that does not match and the value that is requested; empty texts if all policies match."""
+    """Return the QoS policy that does not match and the value that is requested; two empty texts if all match."""
     if subscription.is_reliable and not publisher.is_reliable:
         return "reliability", "reliable"
-    is_late = subscription.is_latched and not publisher.is_latched
-    return ("durability", "transient_local") if is_late else ("", "")
+    if subscription.is_latched and not publisher.is_latched:
+        return "durability", "transient_local"
+    return "", ""
 
 
 def input_problem(topic: str, own: Endpoint, publishers: Sequence[Endpoint], elsewhere: Collection[str] = ()) -> str:
-    """Return why the subscription ``own`` receives nothing from any publisher; empty if one publisher matches.
+    """Return why the subscription ``own`` receives no messages; empty if a publisher matches.
 
     ``elsewhere`` are published topics of the same type to which the node does not subscribe.
     """
@@ -78,7 +79,7 @@ def is_observer(node: str) -> bool:
 
 
 def bases(subscriptions: Sequence[Endpoint]) -> list[Endpoint]:
-    """Return the subscriptions to cmd_vel that may drive a robot, which are all except the observers'."""
+    """Return the subscriptions to cmd_vel of nodes that may drive a robot, which are all nodes but the observers."""
     return [one for one in subscriptions if not is_observer(one.node)]
 
 
@@ -89,22 +90,23 @@ def followed_type(present: str, subscriptions: Sequence[Endpoint]) -> str:
 
 
 def command_problem(topic: str, own: Endpoint, subscriptions: Sequence[Endpoint], elsewhere: Collection[str]) -> str:
-    """Return which base does not receive the commands of the publisher ``own``; empty if all bases receive them.
+    """Return why a base does not receive the commands of the publisher ``own``; empty if all bases receive them.
 
     ``elsewhere`` are other topics of commands to which nodes subscribe.
     """
     found = bases(subscriptions)
     if not found:
         observers = ", ".join(sorted({one.node for one in subscriptions}))
-        nobody = f"nobody but {observers} subscribes to {topic}" if observers else f"nobody subscribes to {topic}"
+        only = f", only {observers}" if observers else ""
         others = f", or remap cmd_vel to {' or '.join(sorted(elsewhere))}" if elsewhere else ""
-        return f"{nobody}: start the driver of the base{others}"
+        return f"no base subscribes to {topic}{only}: start the driver of the base{others}"
     for one in found:
         policy, request = qos_mismatch(own, one)
         if one.type != own.type:
             word = TYPE_WORDS.get(one.type)
-            remedy = f"set cmd_vel_type to {word}" if word else "give it Twist or TwistStamped"
-            return f"{one.node} subscribes to {topic} as {one.short_type}, the commands are {own.short_type}: {remedy}"
+            remedy = f"set cmd_vel_type to {word}" if word else "change its type to Twist or TwistStamped"
+            mismatch = f"subscribes to {topic} as {one.short_type}, but the commands are {own.short_type}"
+            return f"{one.node} {mismatch}: {remedy}"
         if policy:
             parameter = f"qos_overrides.{topic}.publisher.{policy}"
             return f"{one.node} requests {request} {policy} of {topic}: set {parameter} to {request}"

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 
 MAX_SHOWN = 200
-"""[characters] Longer texts from outside are cut in a message."""
+"""[characters] Longer values from users or files are cut in a message."""
 _MAX_BITS = 256
 """Larger integers are not shown in digits, because the conversion takes quadratic time."""
 _MAX_NAMES = 20
@@ -15,7 +15,7 @@ _MAX_NAMES = 20
 
 
 class _ShortRepr(reprlib.Repr):
-    """Represents a value in a bounded length and in a bounded time."""
+    """Represents a value by a text of bounded length, in bounded time."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -30,11 +30,11 @@ _SHORT = _ShortRepr()
 
 
 class DiffbotError(Exception):
-    """Base of all errors of this package; its text is one line for the user."""
+    """Base of all errors of diffbot; its text is one line for the user."""
 
 
 class InvalidValueError(DiffbotError):
-    """A value from outside (parameter, file, flag) that is not allowed."""
+    """The value of a parameter, of a flag or in a file is not allowed."""
 
     def __init__(self, name: str, value: object, bound: str = "", sentence: str = "") -> None:
         """Create the error.
@@ -57,7 +57,7 @@ class InvalidValueError(DiffbotError):
 
 
 class BadMessageError(DiffbotError):
-    """A message that cannot be used."""
+    """A received message cannot be used."""
 
     def __init__(self, kind: str, detail: str = "") -> None:
         """Create the error.
@@ -82,7 +82,7 @@ def known_name(name: str, known: Iterable[str]) -> str:
 
 
 def shown(value: object) -> str:
-    """Return a text from outside for a message of one line: printable, and cut if it is long."""
+    """Return the text of a value for an error message: printable, in one line, and cut if it is long."""
     text = str(value)
     if len(text) > MAX_SHOWN:
         text = text[:MAX_SHOWN] + "..."

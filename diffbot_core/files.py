@@ -26,9 +26,9 @@ MCAP = b"\x89MCAP0\r\n"
 _BAG = b"rosbag2_bagfile_information"
 """The metadata.yaml of every bag contains this key."""
 _REPORT = (b"<", b"{")
-"""The first byte of a report: HTML, XML or JSON."""
+"""Possible first bytes of a report: HTML or XML, JSON."""
 _PNG, _MATPLOTLIB = b"\x89PNG", b"Matplotlib"
-"""The first bytes of a picture; Matplotlib writes its name after them."""
+"""The first bytes of a PNG file, and the name that Matplotlib writes after them."""
 
 
 def open_regular(path: Path) -> BinaryIO:
@@ -70,7 +70,7 @@ def read_text(path: Path, max_bytes: int) -> str:
 
 
 def check_output(path: Path, inputs: Iterable[Path] = ()) -> None:
-    """Check that a command may write to ``path``: it replaces its own reports, and no other files.
+    """Check that a command may write to ``path``: an existing file must be a report of diffbot.
 
     Args:
         path: a file or folder, which may be missing.
@@ -131,7 +131,7 @@ def output_folder(folder: Path) -> Iterator[None]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if not os.access(folder, os.W_OK):
-            raise DiffbotError(f"cannot write to {folder}")
+            raise DiffbotError(f"cannot write to {folder}: permission denied, or a read-only file system")
         if is_bag_folder(folder):
             raise DiffbotError(f"cannot write to {folder}: it is a bag")
         yield
@@ -167,10 +167,10 @@ def replacing(path: Path, *, durable: bool = False, in_bag: bool = False) -> Ite
     Args:
         path: the file to write; its folder must exist.
         durable: write the contents to the disk before the renaming, so that they survive a power cut.
-        in_bag: allow a path in a bag.
+        in_bag: allow a path in a bag, and an MCAP file.
 
     Raises:
-        OSError: if the file cannot be written, is not a regular file, or is in a bag.
+        OSError: if the file cannot be written, is not a regular file, or belongs to a bag.
     """
     if not in_bag and (reason := _bag_problem(path)):
         raise FileExistsError(errno.EEXIST, reason)
@@ -225,8 +225,8 @@ def cache_folder() -> Path:
 def runtime_folder() -> Path:
     """Create and return the user's folder for files of running programs.
 
-    It is in $XDG_RUNTIME_DIR or, without a login session, in the cache folder. If it cannot be created, this process
-    gets a temporary folder.
+    The folder is in $XDG_RUNTIME_DIR or, without a login session, in the cache folder. If it cannot be created, this
+    process uses a temporary folder.
     """
     session = os.environ.get("XDG_RUNTIME_DIR")
     try:

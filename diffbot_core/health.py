@@ -7,8 +7,8 @@ import time
 from collections import Counter, deque
 from collections.abc import Hashable
 
-_EXPLAINS = 2.0
-"""[s] A message dropped within this time explains why nothing is accepted from its topic."""
+_NEWEST_DROP_MEMORY = 2.0
+"""[s] A message dropped within this time is reported as the reason why no messages of its topic are accepted."""
 DROP_MEMORY = 10.0
 """[s] A message dropped within this time causes a warning; the counters have no time limit."""
 _MAX_RECENT = 10_000
@@ -59,14 +59,14 @@ class Health:
         return len(self._drop_times)
 
     def newest_drop(self, topic: str, now: float) -> str:
-        """Return why the newest message of a topic was dropped; empty if the message was accepted or is old.
+        """Return why the newest message of a topic was dropped; empty if it was accepted, or was dropped long ago.
 
         Args:
             topic: topic of the message.
             now: [s] steady time.
         """
         dropped, text = self._newest_drops.get(topic, (-math.inf, ""))
-        is_newest = dropped > self.last_received.get(topic, -math.inf) and now - dropped <= _EXPLAINS
+        is_newest = dropped > self.last_received.get(topic, -math.inf) and now - dropped <= _NEWEST_DROP_MEMORY
         return text if is_newest else ""
 
     def accept(self, topic: str, now: float) -> None:
@@ -95,7 +95,7 @@ class Health:
 
 
 class Throttle:
-    """Log throttle: lets each key pass once per period."""
+    """Log throttle: passes each key at most once per period."""
 
     def __init__(self, period: float) -> None:
         """Create a throttle with a ``period`` [s]."""
@@ -103,7 +103,7 @@ class Throttle:
         self._passed: dict[Hashable, float] = {}
 
     def is_due(self, key: Hashable, now: float) -> bool:
-        """Return True, and start a new period, if ``key`` did not pass within the last period; ``now`` in [s]."""
+        """Return True if ``key`` has not passed for a period, and start a new period; ``now`` is in [s]."""
         self._passed = {one: last for one, last in self._passed.items() if now - last < self._period}
         if key in self._passed:
             return False

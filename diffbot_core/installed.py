@@ -1,4 +1,4 @@
-"""Name of the distribution, entry points of plug-ins, and hashes of code and configurations that identify results."""
+"""Find installed plug-ins, and compute hashes of code and configurations to identify results."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def hash_of_values(values: Iterable[Any]) -> str:
 
 
 def _canonical(value: Any) -> Any:
-    """Convert ``value`` to types of JSON."""
+    """Convert ``value`` to JSON types."""
     if isinstance(value, tuple) and hasattr(value, "_fields"):
         fields = {name: _canonical(one) for name, one in zip(value._fields, value, strict=True)}
         return {type(value).__name__: fields}

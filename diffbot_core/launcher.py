@@ -1,4 +1,4 @@
-"""Start an executable so that a signal during its imports ends it at once and without a traceback.
+"""Start an executable. A signal during its imports ends it at once, without a traceback.
 
 The imports take a moment, and Python turns SIGINT into a KeyboardInterrupt even in the middle of an import. A running
 node handles SIGINT and SIGTERM itself. Until then, both signals end the process with the status of a stopped node.
@@ -35,7 +35,7 @@ def launch(module: str, status: int = 0) -> int:
 
 
 def ros_hint(error: ModuleNotFoundError) -> str:
-    """Return how to install ROS if the missing module belongs to ROS; empty for other modules."""
+    """Return a text on how to install ROS if the missing module belongs to ROS; empty for other modules."""
     missing = (error.name or "").partition(".")[0]
     how = "source its setup.bash, or install this package with the extra jazzy"
     return f"needs ROS 2 (no module {missing}): {how}" if missing.endswith(_PACKAGES_OF_ROS) else ""

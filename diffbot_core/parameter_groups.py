@@ -8,13 +8,13 @@ from diffbot_core.schema import Spec
 
 
 class CommandSourceConfig(NamedTuple):
-    """Number of commanding nodes, for nodes that publish or obey cmd_vel."""
+    """Number of publishers of cmd_vel, for nodes that publish cmd_vel or subscribe to it."""
 
     max_cmd_vel_publishers: Annotated[
         int,
         Spec(
             "largest number of publishers of cmd_vel, including the controller; /diagnostics reports an ERROR if there"
-            " are more; 2 with a teleoperation on the same topic",
+            " are more; use 2 with teleoperation on the same topic",
             "-",
             1,
             100,

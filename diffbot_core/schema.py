@@ -7,8 +7,8 @@ A configuration is a ``NamedTuple`` whose fields are annotated with a :class:`Sp
         gamma: Annotated[float, Spec("bound of |v|", "m/s", minimum=1e-3, maximum=100.0)] = 1.3
 
 ROS parameters (``ros.parameters``), YAML files, flags and the tables in docs/ are derived from it. A field whose type
-is a configuration is a group. The parameters of a group have no prefix; ``Spec.parameter`` sets another name than the
-field's, such as ``linear.x.max_velocity``.
+is a configuration is a group. The parameters of a group have no prefix; ``Spec.parameter`` sets a name
+that differs from the field's name, such as ``linear.x.max_velocity``.
 
 Compiled code cannot read texts. So an ``int`` field with ``choices`` holds the index of a word, while parameters and
 files contain the word::
@@ -34,13 +34,13 @@ PARTIAL = "fields of this group without a Spec are not parameters"
 MAX_LENGTH = 4096
 """Longer lists and texts are refused."""
 _NUMBER_AS_TEXT = re.compile(r"[+-]?(\d+(\.\d*)?e[+-]?\d+|\.?inf)", re.IGNORECASE)
-"""Numbers that YAML 1.1 reads as texts: ``ros2 param load`` sends 1.0e-06 and .inf of a file as 1e-06 and inf."""
+"""Numbers that YAML 1.1 reads as texts: ``ros2 param load`` reads 1.0e-06 and .inf, but sends 1e-06 and inf."""
 
 Range = tuple[float, float]
 """Minimum and maximum.
 
-The ranges below are wide enough for any wheeled robot. They are so narrow that no formula overflows in float64,
-whatever values are combined: 1e308 squared and 1 / 5e-324 would be infinite.
+The ranges below are wide enough for any wheeled robot. They are narrow enough that no formula overflows in float64
+for any combination of values: 1e308 squared and 1 / 5e-324 would be infinite.
 """
 
 WHEEL_SIZE: Range = 1e-3, 10.0
@@ -50,7 +50,7 @@ LENGTH: Range = 1e-6, 1e6
 DISTANCE: Range = 0.0, 1e6
 """[m] >= 0"""
 ANGLE: Range = 1e-6, 1e3
-"""[rad] > 0; any heading is within a tolerance of more than a turn"""
+"""[rad] > 0; a tolerance of more than a turn accepts any heading"""
 POSITION: Range = -1e6, 1e6
 """[m] coordinate of a pose"""
 HEADING: Range = -1e3, 1e3

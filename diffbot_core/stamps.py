@@ -1,4 +1,4 @@
-"""Watch the time stamps of messages: repeated messages, late messages, and clocks that are set or disagree."""
+"""Watch the time stamps of messages, to detect repeated and late messages, and clocks that are set or disagree."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ NS_PER_S = 1_000_000_000
 S_PER_NS = 1e-9
 """Seconds per nanosecond."""
 RESTART_GAP = NS_PER_S
-"""[ns] A stamp that is further behind the newest one means that time was restarted; otherwise it is out of order."""
+"""[ns] A stamp behind the newest stamp by more than this means a restart of time; by less, it is out of order."""
 _WINDOW = 2.0
 """[s] The usual age is the smallest age in the present and the previous window of this length."""
 _MIN_STEP = 0.1
-"""[s] A clock was set forward if a message is younger than all recent ones by more than this."""
+"""[s] A clock was set forward if a message is younger than all recent messages by more than this."""
 
 
 class StampWatch:
@@ -52,7 +52,7 @@ class Lateness:
 
     A sender that was suspended answers old inputs when it resumes. The stamps of its messages advance, but the messages
     are outdated. The offset between the sender's and the receiver's clock is not known. So a message is late if it is
-    older than usual, where the usual age is the smallest age in the last seconds of messages.
+    older than usual, where the usual age is the smallest age in the last two windows.
     """
 
     def __init__(self) -> None:
@@ -84,7 +84,7 @@ class Lateness:
 
 
 class ForwardSteps:
-    """Detects that the clock of a sender was set forward, so that a stamp advanced by more than the time passed."""
+    """Detects that the clock of a sender was set forward: a stamp advanced by more than the time that passed."""
 
     def __init__(self) -> None:
         """Start without a message."""

@@ -21,7 +21,7 @@ PARAMETERS = "ros__parameters"
 WILDCARDS = {"*": r"/\w+", "**": r"(/\w+)*"}
 """Regular expressions of the wildcards in section names."""
 _NEARLY = 0.8
-"""A name counts as a misspelling of another one from this ratio of SequenceMatcher on."""
+"""Smallest ratio of SequenceMatcher at which a name counts as a misspelling of another name."""
 _MAX_NAMED = 5
 """Largest number of sections that an error names."""
 _DUMPER = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
@@ -147,7 +147,7 @@ def refuse_misspelt(path: Path, sections: Iterable[Section], node: str) -> None:
 
 
 class ParameterFiles:
-    """The parameter files of a process, to check that its nodes use them."""
+    """The parameter files of a process; checks that its nodes use them."""
 
     def __init__(self, ros_arguments: Iterable[str]) -> None:
         """Read the files that follow ``--params-file``.
@@ -158,13 +158,13 @@ class ParameterFiles:
         self._given: list[tuple[Path, list[Section]]] = []
         self._used: set[Path] = set()
         self._nodes: list[str] = []
-        self._single: set[str] = set()
+        self._given_singly: set[str] = set()
         """names of the parameters that are given by ``-p``"""
         for flag, value in itertools.pairwise(ros_arguments):
             if flag == "--params-file":
                 self._given.append((Path(value), read_sections(Path(value))))
             elif flag in ("-p", "--param"):
-                self._single.add(value.partition(":=")[0].rpartition(":")[2])
+                self._given_singly.add(value.partition(":=")[0].rpartition(":")[2])
 
     def add_node(self, node: str) -> None:
         """Add a node, given by its full name, that uses the files.
@@ -183,8 +183,8 @@ class ParameterFiles:
         for path, sections in self._given:
             if path not in self._used:
                 names = [shown(one.name) for one in sections[:_MAX_NAMED]] + ["..."] * (len(sections) > _MAX_NAMED)
-                has = f"only {', '.join(names)}" if names else "none"
-                raise DiffbotError(f"{shown(path)} has no section for {' or '.join(self._nodes)}: {has}")
+                others = f", only for {', '.join(names)}" if names else ""
+                raise DiffbotError(f"{shown(path)} has no section for {' or '.join(self._nodes)}{others}")
 
     def error_text(self, error: Exception, node: str = "") -> str:
         """Return the text of an error with the name of the node and, for a parameter, the file that sets it.
@@ -197,7 +197,7 @@ class ParameterFiles:
 
     def _source(self, node: str, parameter: str) -> str:
         """Return the file and the section that set a parameter of a node; empty if none does."""
-        if parameter not in self._single:
+        if parameter not in self._given_singly:
             for path, sections in reversed(self._given):
                 for one in reversed(sections):
                     if parameter in one.values and one.is_for(node):

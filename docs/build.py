@@ -2,9 +2,10 @@
 
 These parts are the Python interface in reference/python.md, the launch arguments in reference/launch.md, the parameters
 in reference/parameters/, the bag rules in reference/bag-check.md, the table of states in reference/goals.md, and the
-output of the commands in the tutorials.
+output of the commands in the tutorials and how-to pages.
 
-``--tables`` skips the tutorials, which take minutes. ``--check`` writes nothing and fails if a page is out of date.
+``--tables`` skips the output of commands, which takes minutes. ``--check`` does not write, and fails if a page is out
+of date.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ _BLOCK = re.compile(r"(<!--(launch|python|rules|states)-->\n).*?(\n<!--/\2-->)",
 
 
 def tables() -> dict[Path, str]:
-    """Return the up-to-date text of each page of the reference."""
+    """Return the current text of each page of the reference."""
     parts = {"launch": launch_arguments, "python": python_api, "rules": rules, "states": states}
 
     def fresh(block: re.Match[str]) -> str:
@@ -82,10 +83,10 @@ def _meaning(spec: Spec) -> str:
 
 
 def main() -> int:
-    """Write or check the pages; return 1 if a page is out of date and must not be written."""
+    """Write or check the pages; return 1 if ``--check`` finds a page that is out of date."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--check", action="store_true", help="write nothing, and fail if a page is out of date")
-    parser.add_argument("--tables", action="store_true", help="skip the tutorials")
+    parser.add_argument("--check", action="store_true", help="do not write, and fail if a page is out of date")
+    parser.add_argument("--tables", action="store_true", help="skip the output of commands")
     options = parser.parse_args()
     stale = {path: text for path, text in tables().items() if path.read_text() != text}
     if not options.tables:

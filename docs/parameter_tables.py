@@ -1,8 +1,8 @@
-"""The lists of parameters on the pages in docs/reference/parameters/.
+"""Write the lists of parameters on the pages in docs/reference/parameters/.
 
-A page is written by hand, except for its lists. Each list stands in a block that names the nodes and the parameters to
-show, in their order: ``<!--parameters NODE NODE: NAME finish_*-->`` ... ``<!--/parameters-->``. A block of several
-nodes lists parameters that are the same in all of them.
+The rest of a page is written by hand. Each list is in a block, which names the nodes and the parameters to show:
+``<!--parameters NODE NODE: NAME finish_*-->`` ... ``<!--/parameters-->``. If a block names several nodes, the
+parameters must be the same in all of them.
 """
 
 from __future__ import annotations
@@ -32,8 +32,9 @@ NODES = {
     "replay": ReplayConfig,
 }
 TECHNICAL_MAXIMUM = 100.0
-"""Upper bounds from here on only catch mistakes. Ranges with such a bound are not shown."""
+"""An upper bound of at least this value only catches mistakes, so the range is not shown."""
 PAIRS = (("x", "y"), ("left", "right"))
+"""Neighbouring parameters whose texts differ in one of these words share an entry."""
 _BLOCK = re.compile(r"(<!--parameters ([\w ]+): ([^>]+)-->\n).*?(<!--/parameters-->)", re.DOTALL)
 
 
@@ -42,9 +43,9 @@ class Entry(NamedTuple):
 
     names: tuple[str, ...]
     default: str
-    """With its unit."""
+    """default value with its unit"""
     limits: str
-    """The range, the default of the paper's law, ``fixed``."""
+    """range, default of the preset paper, and ``fixed`` for a parameter that cannot be changed"""
     text: str
 
     def paragraph(self) -> str:
@@ -57,7 +58,7 @@ def with_parameters(page: str) -> str:
     """Return a page with current lists in its blocks.
 
     Raises:
-        ValueError: a pattern of a block matches no parameter of its nodes, or the nodes differ in a parameter.
+        ValueError: if a pattern of a block does not match a parameter, or a parameter differs between nodes.
     """
     return _BLOCK.sub(lambda block: f"{block[1]}\n{_list(block[2].split(), block[3].split())}\n{block[4]}", page)
 
@@ -111,7 +112,7 @@ def _entry(parameter: Parameter, tuned: dict[str, Any], paper: dict[str, Any], m
 
 
 def _merged(entries: list[Entry]) -> list[Entry]:
-    """Return the entries, with one entry for neighbours that differ in name and in one word of PAIRS."""
+    """Return the entries, with one entry for neighbours that differ only in name and in a word of PAIRS."""
     found: list[Entry] = []
     for entry in entries:
         if found and (text := _common_text(found[-1], entry)):
@@ -122,7 +123,7 @@ def _merged(entries: list[Entry]) -> list[Entry]:
 
 
 def _common_text(first: Entry, second: Entry) -> str:
-    """Return the text for both entries, such as ``x/y of the dock``; an empty string if more than a word differs."""
+    """Return the text for both entries, such as ``x/y of the dock``; empty if they differ in more than a word."""
     for one, other in PAIRS:
         text = re.sub(rf"\b{one}\b", f"{one}/{other}", first.text, count=1)
         if second[1:] == first._replace(text=re.sub(rf"\b{one}\b", other, first.text, count=1))[1:]:

@@ -1,8 +1,8 @@
-"""The pages that are programs: tutorials, and how-to pages with a block of output.
+"""Run the commands of tutorials and how-to pages, and compare or update the output that the pages show.
 
-On such a page a block ``sh`` is run, a block with ``title="NAME"`` is a file that the reader saves, and a block
-``text`` titled ``Output`` is what the commands before it print. Blocks titled ``Output (your numbers differ)`` are
-compared without numbers.
+On such a page, a block ``sh`` has commands to run, a block with ``title="NAME"`` is a file that the reader saves, and a
+block ``text`` titled ``Output`` is the output of the previous commands. In blocks titled ``Output (your numbers
+differ)``, numbers are ignored in the comparison.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from typing import NamedTuple
 DOCS = Path(__file__).parent
 EXACT, VARYING = "Output", "Output (your numbers differ)"
 HOME = "~/first"
-"""The empty folder in which the reader works, as docs/tutorials/index.md names it."""
+"""Name of the reader's empty working folder in docs/tutorials/index.md."""
 MARKER = "--- end of block ---"
 TIMEOUT = 800.0
-"""[s] for a whole page, on a machine that is busy with other work"""
+"""[s] longest time for a page, on a machine that is busy with other work"""
 _BLOCK = re.compile(r'^```(?P<language>\w+)(?: title="(?P<title>[^"]+)")?\n(?P<body>.*?)^```$', re.M | re.S)
 _NUMBER = re.compile(r"[-+]?\d+(?:[.,]\d+)*(?:e[-+]?\d+)?")
 
 
 class Block(NamedTuple):
-    """A fenced block; ``start`` and ``end`` are the places of its body on the page."""
+    """A fenced block; ``start`` and ``end`` are the offsets of its body in the text of the page."""
 
     language: str
     title: str
@@ -58,12 +58,12 @@ def run(text: str, folder: Path, **variables: str) -> list[str]:
     Args:
         text: Markdown of the page.
         folder: working directory of the commands.
-        variables: environment variables beside those of this process.
+        variables: environment variables to add to the environment of this process.
 
     Raises:
-        RuntimeError: a command failed; the message has its output and its errors.
+        RuntimeError: if a command fails; the text contains stdout and stderr.
     """
-    # A page that fails ends the processes that it started.
+    # If a command fails, end the background processes of the page.
     script = ["set -e", "trap 'kill $(jobs -p) 2>/dev/null || true' EXIT"]
     for block in blocks(text):
         if block.language == "sh":
@@ -84,7 +84,7 @@ def run(text: str, folder: Path, **variables: str) -> list[str]:
 
 
 def outputs(text: str, printed: list[str]) -> list[tuple[Block, str]]:
-    """Return each block of output with what the ``sh`` block before it printed."""
+    """Return each output block with the output of the previous ``sh`` block."""
     found, remaining, latest = [], iter(printed), ""
     for block in blocks(text):
         if block.language == "sh":
@@ -95,13 +95,13 @@ def outputs(text: str, printed: list[str]) -> list[tuple[Block, str]]:
 
 
 def comparable(text: str, title: str) -> list[str]:
-    """Return the lines of an output as they are compared: without numbers if these vary."""
+    """Return the lines of an output for a comparison; numbers are masked if they may vary."""
     masked = _NUMBER.sub("#", text) if title == VARYING else text
     return [" ".join(re.sub(r"-{3,}", "---", line).split()) for line in masked.strip().splitlines()]
 
 
 def fresh(page: Path) -> str:
-    """Run a page; return its text with what was printed, or an empty string if the page shows the same already."""
+    """Run a page; return its text with the new output, or an empty string if the page is up to date."""
     text, parts, last, differs = page.read_text(), [], 0, False
     with tempfile.TemporaryDirectory() as folder:
         printed = run(text, Path(folder))

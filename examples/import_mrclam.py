@@ -25,7 +25,7 @@ from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_tools.figures import Trajectory, poses_at
 
-# Messages with equal stamps are written in this order; odometry is last, because the filter answers it with a pose.
+# Messages with equal stamps are written in this order. Odometry is last, because the filter publishes a pose after it.
 ODOMETRY, POSE = "nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseWithCovarianceStamped"
 CLOUD, FIELD = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/PointField"
 TOPICS = {"/initialpose": POSE, "/landmarks": CLOUD, "/ground_truth": ODOMETRY, "/odom": ODOMETRY}
@@ -59,14 +59,15 @@ def rows(path, *columns):
             if words := line.partition("#")[0].split():
                 yield tuple(convert(word) for convert, word in zip(columns, words, strict=True))
         except ValueError:
-            raise DiffbotError(f"{path}, line {count}: {line[:80]!r} must be {len(columns)} numbers in range") from None
+            allowed = f"must be {len(columns)} numbers within their allowed ranges"
+            raise DiffbotError(f"{path}, line {count}: {line[:80]!r} {allowed}") from None
 
 
 def clouds_of(measured, subjects, landmarks):
-    """Return stamp and points of each cloud; a second measurement of a landmark at one time starts a new cloud."""
+    """Return stamp and points of each cloud. A second measurement of a landmark at the same time begins a new cloud."""
     clouds = []
     for time, barcode, depth, bearing in sorted(dict.fromkeys(measured), key=lambda row: row[0]):
-        if (subject := subjects.get(barcode)) in landmarks:  # otherwise it is another robot or misread
+        if (subject := subjects.get(barcode)) in landmarks:  # otherwise the barcode is of another robot, or misread
             if not clouds or clouds[-1][0] != time or subject in {point.number for point in clouds[-1][1]}:
                 clouds.append((time, []))
             # The range in the file is the depth along the axis of the camera.
@@ -95,7 +96,7 @@ def messages(clouds, truth, commands):
     first_poses = poses_at(np.array(times), Trajectory(np.array(list(truth)), poses))
     known = np.isfinite(first_poses[:, 0])
     if not known.any():
-        raise DiffbotError("no odometry at a time with a true pose")
+        raise DiffbotError("the times of odometry and ground truth do not overlap")
     start, last = times[known.argmax()], times[0]
     yield encoded(0, initial, start, first_poses[known.argmax()])
     for time, points in clouds:

@@ -22,7 +22,7 @@ except DiffbotError as error:
     sys.exit(str(error))
 curves = run.robots[0].curves
 if "error" not in curves:
-    sys.exit(f"{sys.argv[1]} must contain both an estimate and true poses")
+    sys.exit(f"{sys.argv[1]} must contain both estimated and true poses")
 
 truth = curves["truth"]
 error = np.hypot(curves["error"]["x"], curves["error"]["y"])

@@ -1,4 +1,4 @@
-"""Run the benchmark with a law of your own: turn towards the goal, drive to it, turn to its heading.
+"""Run the benchmark with your own law: turn towards the goal, drive to it, turn to its heading.
 
     python examples/straight_line.py --runs 20 --case nominal --out benchmark
 
@@ -26,7 +26,7 @@ class Config(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """What one step passes to the next; ``reached`` has a fixed meaning, the rest is the law's own."""
+    """State of the law between two steps. Each law needs ``reached``; the other fields are its own."""
 
     arrived: bool
     reached: bool
@@ -40,12 +40,12 @@ class StraightLine(Law):
 
     @staticmethod
     def new_memory(config):
-        """Return the memory with a new goal; compiled code knows no defaults, so every field is given."""
+        """Return the memory at the start of a goal. Compiled code has no defaults, so give all fields."""
         return Memory(False, False)
 
     @staticmethod
     def step(memory, observation, goal, config):
-        """Answer a pose with the next memory, a command and a report."""
+        """Return the next memory, the command and a report for a pose."""
         x, y, theta = into_frame(observation.estimate.pose, goal)
         rho, beta = math.hypot(x, y), math.atan2(-y, -x)
         alpha = wrap_angle(beta - theta)

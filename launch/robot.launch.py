@@ -1,4 +1,4 @@
-"""Launch the filter and the controller on a robot, with options for recorder, robot description and RViz.
+"""Launch the filter and the controller on a robot, and optionally the recorder, the robot description and RViz.
 
 Show the arguments: ros2 launch diffbot robot.launch.py --show-args
 """

@@ -47,7 +47,7 @@ class ManagedNode(LifecycleNodeMixin, DiffbotNode[C]):  # type: ignore[misc]
         DiffbotNode.__init__(self, name, config_type, presets, **node_options)
         LifecycleNodeMixin.__init__(self)
         self._guard_requests()
-        self._kept = self._entities()
+        self._permanent_entities = self._entities()
         if self.get_parameter("autostart").value:
             for transition in (self.trigger_configure, self.trigger_activate):
                 if transition() != _SUCCESS:
@@ -99,7 +99,7 @@ class ManagedNode(LifecycleNodeMixin, DiffbotNode[C]):  # type: ignore[misc]
         return self._end_configuration()
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Deactivate and clean up finally; the process waits for a signal, as the processes of Nav2 do."""
+        """Deactivate and clean up. The process then waits for a signal, as the processes of Nav2 do."""
         self._failure = None
         return self.on_error(state)
 
@@ -140,7 +140,7 @@ class ManagedNode(LifecycleNodeMixin, DiffbotNode[C]):  # type: ignore[misc]
     def diagnosis(self) -> tuple[int, str, dict[str, str]]:
         """Return level, message and values for /diagnostics.
 
-        A node that is not active reports no problem except a failed transition, until the next transition succeeds.
+        A node that is not active reports only a failed transition as a problem, until the next transition.
         """
         if self.is_active:
             return super().diagnosis()
@@ -182,11 +182,11 @@ class ManagedNode(LifecycleNodeMixin, DiffbotNode[C]):  # type: ignore[misc]
         """Destroy all entities that were created after the constructor."""
         self._configuration = None
         for entity, destroy in self._entities().items():
-            if entity not in self._kept:
+            if entity not in self._permanent_entities:
                 destroy(entity)
 
     def _guard_requests(self) -> None:
-        """Refuse a transition that is not possible in the present state, because it would end the node in rclpy 7.1."""
+        """Refuse a transition that is not possible in the present state; it would end the process in rclpy 7.1."""
         service = next(one for one in self.services if one.srv_type is ChangeState)
         change: Callable[[Any, Any], Any] = service.callback
 

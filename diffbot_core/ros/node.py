@@ -49,7 +49,7 @@ class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
     """
 
     files: ParameterFiles | None = None
-    """parameter files of this process; set by :func:`diffbot_core.ros.run.run`"""
+    """parameter files of this process, set by :func:`diffbot_core.ros.run.run`"""
     qos_by_parameters = True
     """False for the nodes that record or replay, which have no parameters ``qos_overrides...``"""
     is_configured = True
@@ -164,7 +164,7 @@ class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
         return call
 
     def contain(self, error: Exception, where: str) -> None:
-        """Handle an exception of the callback of ``where``: count a bad message, or halt after an internal error."""
+        """Handle an exception of the callback ``where``: count a bad message, or halt after an internal error."""
         if is_bad_input(error):
             kind = error.kind if isinstance(error, BadMessageError) else f"malformed, {type(error).__name__}"
             text = " ".join(str(error).split())
@@ -176,7 +176,7 @@ class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
         try:
             self.halt()
         except Exception as failure:
-            self._log_fault(failure, "the halt")
+            self._log_fault(failure, "halt()")
         faults = getattr(self.config, "faults", None)
         if faults is not None and faults.exit_on_error:
             self.finish(1)
@@ -186,7 +186,7 @@ class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
             self.get_logger().error(f"{self.faults.newest} (logged once)\n{self.faults.trace}")
 
     def contained_service(self, callback: Callable[[Any, Any], Any], name: str) -> Callable[[Any, Any], Any]:
-        """Wrap the callback of a service so that a call that fails is answered, too."""
+        """Wrap the callback of a service so that a failed call returns a response, too."""
 
         def call(request: Any, response: Any) -> Any:
             try:
@@ -213,7 +213,7 @@ class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
         return subscription
 
     def input_problem(self, topic: str) -> str:
-        """Return why the node accepts no messages of a topic: it drops them, or none can arrive; otherwise empty."""
+        """Return why the node accepts no messages of a topic: dropped, or no matching publisher; otherwise empty."""
         if dropped := self.health.newest_drop(topic, time.monotonic()):
             return f"drops {topic}: {dropped}"
         if (subscription := self._subscribed.get(topic)) is None:
@@ -323,7 +323,7 @@ class FaultRecord:
         self._known: set[tuple[str, str, int]] = set()
 
     def add(self, error: Exception, where: str) -> bool:
-        """Add an error of the callback of ``where``; return True if it is the first of its type at its line of code."""
+        """Add an error of a callback; return True if it is the first error of its type at its line of code."""
         self.newest = f"internal error in {where}: {one_line(error)}"
         self.trace = "".join(traceback.format_exception(error))
         place = traceback.extract_tb(error.__traceback__)[-1]
@@ -334,9 +334,9 @@ class FaultRecord:
 
 
 def is_bad_input(error: Exception) -> bool:
-    """Return True if malformed input caused an error: it is a BadMessageError, or rclpy itself raised it.
+    """Return True if malformed input caused an error: it is a BadMessageError, or rclpy raised it.
 
-    rclpy itself raised an error if the traceback contains no code of this project except _BASE_MODULES.
+    rclpy raised the error if the traceback contains no code of this project except _BASE_MODULES.
     """
     if isinstance(error, BadMessageError):
         return True

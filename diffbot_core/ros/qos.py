@@ -1,7 +1,7 @@
 """Quality of service: profiles, overrides by parameters, and delivery of a node's last message.
 
-A reliable subscription receives nothing from a best-effort publisher, while a best-effort subscription receives from
-both kinds. So subscriptions to sensors are best effort, unless every message is needed, as in lock-step.
+A reliable subscription does not receive messages of a best-effort publisher, while a best-effort subscription receives
+messages of both kinds. So subscriptions to sensors are best effort, unless every message is needed, as in lock-step.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ STATUS = QoSProfile(
     liveliness=LivelinessPolicy.AUTOMATIC,
     liveliness_lease_duration=Duration(seconds=1),
 )
-"""Latched with a liveliness lease: DDS reports the end of the process to subscribers that request it, within 1 s."""
+"""Latched, with a liveliness lease of 1 s, after which DDS reports the end of the process to subscribers."""
 SENSOR = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Subscriptions to sensors: matches any publisher, and queues 0.1 s of messages at 200 Hz."""
 TRANSFORMS = QoSProfile(depth=100)
@@ -58,7 +58,7 @@ _POLICIES: dict[str, tuple[type, Spec]] = {
 DELIVERY_TIMEOUT = 1.0
 """[s] Longest time to wait until reliable readers acknowledge a last message; a suspended reader never does."""
 REPEATS = 6
-"""Number of times that a last message is published if a reader is best effort and so does not acknowledge it."""
+"""Number of times that a last message is published for best-effort readers, which do not acknowledge it."""
 _RESEND_PERIOD = 0.1
 """[s] Time after which an unacknowledged message is published again; the middleware waits 3 s."""
 _REPEAT_PERIOD = 0.05
@@ -108,12 +108,12 @@ def deliver(node: Node, publisher: Any, publish: Callable[[], None]) -> bool:
     topic = publisher.topic_name
     ends = [*node.get_subscriptions_info_by_topic(topic), *node.get_publishers_info_by_topic(topic)]
     best_effort = any(end.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT for end in ends)
-    due = REPEATS if best_effort else 1
+    remaining = REPEATS if best_effort else 1
     while True:
         publish()
-        due -= 1
+        remaining -= 1
         acknowledged = bool(publisher.wait_for_all_acked(Duration(seconds=_RESEND_PERIOD)))
-        if (acknowledged and due <= 0) or time.monotonic() >= deadline:
+        if (acknowledged and remaining <= 0) or time.monotonic() >= deadline:
             return acknowledged
         if acknowledged:
             time.sleep(_REPEAT_PERIOD)

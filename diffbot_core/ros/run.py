@@ -166,7 +166,7 @@ def _init(args: list[str] | None) -> None:
 
 
 def _status(nodes: list[DiffbotNode[Any]], failed: bool) -> int:
-    """Return the exit status, which before_shutdown() may change, for example if the disk is full."""
+    """Return the exit status. before_shutdown() may change it, for example if the disk is full."""
     return max(int(failed), *(node.exit_code or 0 for node in nodes), 0)
 
 
@@ -198,7 +198,7 @@ def _spin(nodes: list[DiffbotNode[Any]], stop: StopFlag) -> None:
             executor.spin_once(timeout_sec=SPIN_TIMEOUT)
         except ExternalShutdownException:
             raise
-        except Exception as error:  # raised by the executor itself; nodes contain the exceptions of callbacks
+        except Exception as error:  # raised by the executor itself, not by a callback
             for node in nodes:
                 node.contain(error, "the executor")
             executor.shutdown()

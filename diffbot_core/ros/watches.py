@@ -26,9 +26,9 @@ CLOCK_TOPIC = "/clock"
 GRACE = 2.0
 """[s] A missing clock is reported after this time, because discovery takes a moment."""
 LEASE = 20.0
-"""[s] Fast DDS still counts the publishers of a killed process for this time."""
+"""[s] Fast DDS counts the publishers of a killed process for this time after its end."""
 _JUMPS, _WINDOW = 3, 2.0
-"""This number of jumps back within this time [s] means two clocks; a single jump is a restarted simulation."""
+"""This number of jumps back within this time [s] means two clocks; a single jump means a restarted simulation."""
 _FORWARD = Duration(seconds=0.5)
 """After a larger jump forward, the publishers of /clock are counted again."""
 _SETTLE = 1.0
@@ -227,7 +227,7 @@ class ClockWatch:
 
 
 class PublisherWatch:
-    """Detects topics with more publishers than allowed, whether the publishers send messages or not."""
+    """Detects topics with more publishers than allowed, even if the publishers do not send messages."""
 
     def __init__(self, node: Node) -> None:
         """Watch no topic."""
@@ -276,5 +276,5 @@ class PublisherWatch:
             if text != self._reported.get(topic):
                 logger.error(text)
         for topic in self._reported.keys() - found.keys():
-            logger.info(f"{topic}: no more publishers than allowed")
+            logger.info(f"{topic}: the number of publishers is within the limit again")
         self._reported = found

@@ -283,7 +283,7 @@ def test_a_message_that_cannot_be_decoded_is_named_and_can_be_read_raw(tmp_path)
         writer.write(1, b"", -1, 0)
     writer.close()
     with BagReader(writer.folder) as reader:
-        with pytest.raises(DiffbotError, match=f"/a at {BEGIN} ns: 13 bytes are not a {POINT}"):
+        with pytest.raises(DiffbotError, match=f"/a at {BEGIN} ns: cannot decode 13 bytes as {POINT}"):
             list(reader.decoded(["/a"]))
         with pytest.raises(DiffbotError, match=r"my_msgs/msg/A: share/my_msgs/msg/A\.msg is not installed"):
             list(reader.decoded(["/b"]))

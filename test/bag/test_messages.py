@@ -90,9 +90,9 @@ def test_the_definition_of_the_bag_takes_precedence_over_the_installed_type():
 @pytest.mark.parametrize(
     ("definition", "data", "words"),
     [
-        (None, b"\0\1\0\0short", "9 bytes are not a geometry_msgs/msg/Point"),
-        (None, bytes(28) + b"\0\0\0\0\0", "33 bytes are not a"),
-        (None, b"\0\7\0\0" + bytes(24), "28 bytes are not a"),
+        (None, b"\0\1\0\0short", "cannot decode 9 bytes as geometry_msgs/msg/Point"),
+        (None, bytes(28) + b"\0\0\0\0\0", "cannot decode 33 bytes as"),
+        (None, b"\0\7\0\0" + bytes(24), "cannot decode 28 bytes as"),
         ("float64 [x]\n", bytes(28), "the definition of geometry_msgs/msg/Point cannot be parsed"),
         ("my_msgs/Lost x\n", bytes(28), "the definition of geometry_msgs/msg/Point cannot be parsed"),
     ],

@@ -58,18 +58,20 @@ def test_commands_have_the_type_of_the_bases_if_all_bases_agree(present, subscri
     ("subscriptions", "elsewhere", "problem"),
     [
         ([BASE, RECORDER], [], ""),
-        ([], ["/b/v"], "nobody subscribes to /cmd_vel: start the driver of the base, or remap cmd_vel to /b/v"),
+        ([], ["/b/v"], "no base subscribes to /cmd_vel: start the driver of the base, or remap cmd_vel to /b/v"),
         (
             *([ECHO, RECORDER], []),
-            "nobody but /_ros2cli_4711, /r1/recorder subscribes to /cmd_vel: start the driver of the base",
+            "no base subscribes to /cmd_vel, only /_ros2cli_4711, /r1/recorder: start the driver of the base",
         ),
         (
             *([BASE, STAMPED], []),
-            "/mux subscribes to /cmd_vel as TwistStamped, the commands are Twist: set cmd_vel_type to twist_stamped",
+            "/mux subscribes to /cmd_vel as TwistStamped, but the commands are Twist: "
+            "set cmd_vel_type to twist_stamped",
         ),
         (
             *([BASE._replace(type="ackermann_msgs/msg/AckermannDrive")], []),
-            "/base subscribes to /cmd_vel as AckermannDrive, the commands are Twist: give it Twist or TwistStamped",
+            "/base subscribes to /cmd_vel as AckermannDrive, but the commands are Twist: "
+            "change its type to Twist or TwistStamped",
         ),
         (
             *([BASE._replace(is_latched=True)], []),

@@ -107,7 +107,7 @@ def test_missing_and_empty_files_are_named(tmp_path):
     path.unlink()
     assert str(path) in refusal(folder, tmp_path / "bag")
     path.write_text("# nothing\n")
-    assert "no odometry at a time with a true pose" in refusal(folder, tmp_path / "bag")
+    assert "the times of odometry and ground truth do not overlap" in refusal(folder, tmp_path / "bag")
 
 
 def refusal(folder, out):

@@ -86,7 +86,7 @@ def test_a_node_of_the_same_process_that_holds_the_type_is_named_by_the_remedy(n
 
 def test_a_fixed_type_that_the_base_does_not_take_is_named_in_status_and_log(nodes, capfd):
     nodes.add(ControllerNode, {"cmd_vel_type": "twist"})
-    text = "/base_twiststamped subscribes to /cmd_vel as TwistStamped, the commands are Twist: set cmd_vel_type to"
+    text = "/base_twiststamped subscribes to /cmd_vel as TwistStamped, but the commands are Twist: set cmd_vel_type to"
     with base(TwistStamped):
         wait_for_problem(nodes, text)
     assert capfd.readouterr().err.count(text) == 1
@@ -99,7 +99,7 @@ def test_a_goal_without_base_and_filter_ends_with_both_and_names_another_topic_o
         assert end_of_goal(nodes) == (
             "pose lost: no pose for pose_lost_timeout = 3 s; "
             "nothing publishes /pose: start its source, or remap /pose; "
-            "nobody subscribes to /cmd_vel: start the driver of the base, or remap cmd_vel to "
+            "no base subscribes to /cmd_vel: start the driver of the base, or remap cmd_vel to "
             "/diff_drive_controller/cmd_vel"
         )
 
@@ -146,7 +146,7 @@ def test_a_goal_that_loses_its_pose_names_what_the_filter_reports(nodes, kind, t
         end = end_of_goal(nodes)
     assert end.startswith("pose lost: no pose for pose_lost_timeout = 3 s; /ekf: ")
     assert reason in end
-    assert "nobody subscribes to /cmd_vel" in end
+    assert "no base subscribes to /cmd_vel" in end
 
 
 def test_the_filter_names_topics_that_nobody_publishes(nodes):
@@ -181,7 +181,7 @@ def test_inputs_and_commands_that_are_remapped_wrong_name_the_topics_that_exist(
         )
         send_goal(nodes, (1.0, 0.0, 0.0))
         wait_for_problem(
-            nodes, "nobody subscribes to /cmd_vel_nav: start the driver of the base, or remap cmd_vel to /cmd_vel"
+            nodes, "no base subscribes to /cmd_vel_nav: start the driver of the base, or remap cmd_vel to /cmd_vel"
         )
 
 

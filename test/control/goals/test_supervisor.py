@@ -346,11 +346,11 @@ def test_a_path_that_is_planned_again_to_the_same_goal_does_not_count_as_progres
 )
 def test_a_goal_that_is_given_up_names_what_hinders_the_robot(options, end):
     story = driving(**options)
-    story.supervisor.problem = "nobody subscribes to /cmd_vel"
+    story.supervisor.problem = "no base subscribes to /cmd_vel"
     story.wait(3.0)
     record = story.supervisor.goals.ended[-1]
     assert record.end == end
-    assert record.reason.endswith("; nobody subscribes to /cmd_vel")
+    assert record.reason.endswith("; no base subscribes to /cmd_vel")
     assert story.supervisor.reason == record.reason
 
 

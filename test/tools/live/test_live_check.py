@@ -136,7 +136,7 @@ def test_a_fault_of_the_endpoints_is_named(odom, text):
     [
         (Endpoint("/base", TWIST_STAMPED), ObservedRobot(), ""),
         (Endpoint("/base", TWIST_STAMPED), ObservedRobot(cmd_vel_type="twist"), "set cmd_vel_type to twist_stamped"),
-        (Endpoint("/rviz", TWIST), ObservedRobot(), "nobody but /rviz subscribes to /cmd_vel"),
+        (Endpoint("/rviz", TWIST), ObservedRobot(), "no base subscribes to /cmd_vel, only /rviz"),
         (None, ObservedRobot(), "or remap cmd_vel to /base/cmd_vel"),
     ],
 )
