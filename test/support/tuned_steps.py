@@ -9,14 +9,14 @@ from diffbot_control.law.configuration import SwitchingConfig
 from diffbot_control.law.steering import FRONT, drive_and_steer, led_by, navigation_variables
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import Twist
-from diffbot_lab.stability.plan import Contract, Plan, requesting
+from diffbot_lab.stability.plan import Contract, Plan, ideal_law
 from diffbot_sim.config import PlantConfig
 from diffbot_sim.plant import new_plant, plant_step
 
 CONFIG = SwitchingConfig()
 CONTRACT = Contract(sigma_max=0.05, eps_v=0.02, eps_omega=0.05)
 PLAN = Plan(CONTRACT)
-LAW = requesting(CONFIG, PLAN)
+LAW = ideal_law(CONFIG, PLAN)
 SHEET = CONFIG.data_sheet
 SLOWING = CONTRACT.sigma_max / CONFIG.sigma_known
 """the largest deviation in units of the one to arrive with"""

@@ -4,12 +4,12 @@ import pytest
 
 from diffbot_control.law.configuration import SwitchingConfig
 from diffbot_lab.stability.maker import certify, holding_radius
-from diffbot_lab.stability.plan import Plan, requesting
+from diffbot_lab.stability.plan import Plan, ideal_law
 
 
 @pytest.fixture(scope="session")
 def plan():
-    near = holding_radius(requesting(SwitchingConfig(), Plan()), Plan())
+    near = holding_radius(ideal_law(SwitchingConfig(), Plan()), Plan())
     return Plan(to=1.9, margin=1.3 - near, fineness=0.4)
 
 

@@ -5,14 +5,14 @@ import pytest
 from tuned_steps import CONFIG
 
 from diffbot_lab.stability.adversary import STEPS, WARM_UP, WINDOW, drift_of, recurrent_distance, search
-from diffbot_lab.stability.checker_bounds import farthest_local, numbers_of
-from diffbot_lab.stability.plan import Contract, Plan, requesting
+from diffbot_lab.stability.checker_bounds import checker_loop, local_reach
+from diffbot_lab.stability.plan import Contract, Plan, ideal_law
 from diffbot_lab.stability.runs import ContractLoop, drive, loop_of
 
 
 def test_a_drift_comes_near_the_bound_of_omega_l_but_not_beyond():
-    law = requesting(CONFIG, Plan())
-    bound = farthest_local(numbers_of(law, Plan()))
+    law = ideal_law(CONFIG, Plan())
+    bound = local_reach(checker_loop(law, Plan()))
     farthest, when = drift_of(ContractLoop(law, Contract(), 0.1))
     assert farthest == pytest.approx(0.136369, abs=1e-6)
     assert 0.7 * bound < farthest < bound

@@ -45,5 +45,5 @@ def test_without_a_rank_for_all_there_is_no_certificate(plan):
 def test_bounds_that_grow_as_fast_as_the_distance_are_refused(plan):
     with pytest.raises(DiffbotError, match=r"position_slope \+ 3 \* sigma_slope"):
         certify(CONFIG, plan._replace(contract=Contract(sigma_slope=0.4)))
-    with pytest.raises(DiffbotError, match=r"no certificate: Omega_L may last as far as 1.9 m"):
+    with pytest.raises(DiffbotError, match=r"no certificate: Omega_L may stay in force as far as 1.9 m"):
         certify(CONFIG, plan._replace(contract=Contract(sigma_slope=0.32)))

@@ -9,11 +9,11 @@ from flint import arb, ctx
 from tuned_steps import LAW, PLAN
 
 from diffbot_lab.stability import checker_bounds as commands
-from diffbot_lab.stability.checker_bounds import bearing_error, numbers_of
+from diffbot_lab.stability.checker_bounds import bearing_error, checker_loop
 
 BOXES = 1000
 """of each case"""
-LOOP = numbers_of(LAW, PLAN)
+LOOP = checker_loop(LAW, PLAN)
 PI = math.pi
 LOWEST_SINC = 4.493409457909064
 """[rad] where sin(x)/x is least, to the last bit"""

@@ -7,9 +7,9 @@ from diffbot_control.law.configuration import SwitchingConfig
 from diffbot_core.errors import DiffbotError
 from diffbot_lab.stability import checker, maker
 from diffbot_lab.stability.checker import cells_of, failing_kernel, verify
-from diffbot_lab.stability.checker_bounds import numbers_of
+from diffbot_lab.stability.checker_bounds import checker_loop
 from diffbot_lab.stability.file import first_cells
-from diffbot_lab.stability.plan import Contract, requesting
+from diffbot_lab.stability.plan import Contract, ideal_law
 from diffbot_lab.stability.runs import drive
 
 CONFIG = SwitchingConfig()
@@ -61,7 +61,7 @@ def claiming(certificate, **changes):
 
 def test_ranks_that_are_one_too_small_are_found(certificate):
     """Nearly all: a few are larger than they have to be, as the maker's images are wider here and there."""
-    loop = numbers_of(requesting(CONFIG, certificate.plan), certificate.plan)
+    loop = checker_loop(ideal_law(CONFIG, certificate.plan), certificate.plan)
     first = first_cells(certificate.alphas, certificate.betas)
     found = 0
     for at in np.random.default_rng(1).choice(np.flatnonzero(certificate.ranks > 1), 40, replace=False):
@@ -97,15 +97,15 @@ def test_claims_that_are_too_good_are_found(certificate, claim):
 
 
 def test_a_seed_that_is_not_all_in_the_core_is_found(certificate):
-    with pytest.raises(DiffbotError, match="not all within it is in the core"):
+    with pytest.raises(DiffbotError, match="not all states within it are in the core"):
         verify(changed(certificate, 0, 1))
-    with pytest.raises(DiffbotError, match="not all within it is in the core"):
+    with pytest.raises(DiffbotError, match="not all states within it are in the core"):
         verify(claiming(certificate, seed=certificate.rho[-1] + 1.0))
 
 
 def test_edges_that_begin_too_near_or_too_far_are_found(certificate):
     near = np.concatenate(([0.05], certificate.rho[1:]))
-    with pytest.raises(DiffbotError, match=r"rho begins at 0.05 m, must be above 0.0606"):
+    with pytest.raises(DiffbotError, match=r"rho begins at 0.05 m, but must be above 0.0606"):
         verify(certificate._replace(rho=near))
     first = first_cells(certificate.alphas, certificate.betas)
     row = int(np.searchsorted(certificate.rho, certificate.claims.seed)) - 1
@@ -127,7 +127,7 @@ def test_a_certificate_of_another_law_or_contract_is_found(certificate):
     with pytest.raises(DiffbotError, match="not verified"):
         verify(certificate._replace(plan=certificate.plan._replace(contract=contract)))
     wide = CONFIG._replace(tolerance=CONFIG.tolerance._replace(xy_goal_tolerance=1.2))
-    with pytest.raises(DiffbotError, match=r"claims\.seed = 1\.3 m, Omega_L may lead to"):
+    with pytest.raises(DiffbotError, match=r"claims\.seed = 1\.3 m, but Omega_L may lead to"):
         verify(certificate._replace(config=wide))
 
 
@@ -144,7 +144,7 @@ def test_bounds_that_grow_with_the_distance_are_checked_at_each_distance(plan, c
 
 @pytest.mark.parametrize("change", [{"weight": -0.8}, {"noise": 0.06}])
 def test_a_checker_with_a_mistake_refuses_a_valid_certificate(monkeypatch, certificate, change):
-    usual = checker.numbers_of
-    monkeypatch.setattr(checker, "numbers_of", lambda *arguments: usual(*arguments)._replace(**change))
+    usual = checker.checker_loop
+    monkeypatch.setattr(checker, "checker_loop", lambda *arguments: usual(*arguments)._replace(**change))
     with pytest.raises(DiffbotError, match="not verified"):
         verify(certificate, threads=1)
