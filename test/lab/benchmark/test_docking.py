@@ -91,7 +91,7 @@ def test_the_study_in_short(tmp_path, capsys, monkeypatch, kept_signal_handlers)
     assert study.figures_of(found) == results["cases"][0]["laws"]["docking"]
     np.testing.assert_array_equal(paths[:, 0], starts)
     # Backwards the paths are shown as those of a robot that docks forwards.
-    _, paths = study.run_docking(study.cases_of(study.CASES, ("docking_backward",))[0], study.Docking, starts, 9)
+    _, paths = study.run_docking(study.cases_named(("docking_backward",), study.CASES)[0], study.Docking, starts, 9)
     np.testing.assert_array_equal(paths[:, 0], starts)
 
 

@@ -15,8 +15,8 @@ from diffbot_lab.benchmark.entries import (
     TUNING,
     config_of,
     entries_for,
+    is_run,
     read_tuning,
-    takes_part,
     tuned_values,
 )
 from diffbot_lab.benchmark.runs import TRAINING_SEED, BenchmarkOptions, run_benchmark, run_case, run_paths
@@ -70,7 +70,7 @@ def test_every_law_has_the_data_sheet_of_its_case_and_the_plant_is_as_it_says(na
     lag, a_max = sheet.get("drive_time_constant", 0.0), sheet.get("linear.x.max_acceleration", math.inf)
     assert (plant.command_delay, plant.drive_time_constant, plant.acceleration_max) == (latency, lag, a_max)
     assert plant.angular_acceleration_max == sheet.get("angular.z.max_acceleration", math.inf)
-    for entry in (one for one in ENTRIES if takes_part(one, case)):
+    for entry in (one for one in ENTRIES if is_run(one, case)):
         known = config_of(entry, case, {}).data_sheet
         assert (known.v_max, known.omega_max) == (1.3, 1.5 if name == "mix" else 2.6), entry.name
         assert known.wheel_max * known.wheels.wheel_radius == pytest.approx(1.3)
@@ -80,7 +80,7 @@ def test_every_law_has_the_data_sheet_of_its_case_and_the_plant_is_as_it_says(na
 
 def test_cases_of_the_switching_law_alone_have_no_peers():
     (alone,) = cases_named(("short_mix",))
-    assert [one.name for one in ENTRIES if takes_part(one, alone)] == [OWN_NAME]
+    assert [one.name for one in ENTRIES if is_run(one, alone)] == [OWN_NAME]
 
 
 def test_more_runs_of_the_own_law_begin_where_the_peers_begin():

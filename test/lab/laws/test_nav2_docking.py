@@ -15,7 +15,7 @@ from diffbot_lab.laws.nav2_docking import (
     Nav2Docking,
     Nav2DockingConfig,
     approach,
-    next_docker,
+    next_state,
 )
 
 DEFAULTS = Nav2DockingConfig()
@@ -86,12 +86,12 @@ def test_backwards_it_is_the_same_drive_turned_round():
 
 
 def test_an_approach_of_more_than_thirty_seconds_begins_again_three_times():
-    docker, phases = Nav2Docking.new_memory(DEFAULTS).state, []
+    state, phases = Nav2Docking.new_memory(DEFAULTS).state, []
     for _ in range(1500):
-        docker = next_docker(docker, Pose(-0.3, 0.0, 0.0), 0.1, DEFAULTS)
-        if docker.phase == STAGING:
-            docker = docker._replace(drive=docker.drive._replace(reached=True))
-        phases.append(docker.phase)
+        state = next_state(state, Pose(-0.3, 0.0, 0.0), 0.1, DEFAULTS)
+        if state.phase == STAGING:
+            state = state._replace(drive=state.drive._replace(reached=True))
+        phases.append(state.phase)
     assert phases.count(STAGING) == 3
     assert phases.index(STAGING) in (300, 301)
     assert phases[-1] == ENDED

@@ -8,7 +8,7 @@ from driven import seen
 
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
-from diffbot_lab.laws.nav2_graceful import Nav2Graceful, Nav2GracefulConfig, goal_checked, nav2_graceful, new_plan
+from diffbot_lab.laws.nav2_graceful import Nav2Graceful, Nav2GracefulConfig, check_goal, nav2_graceful, new_plan
 
 RECORDED = json.loads(Path(__file__).with_name("nav2_graceful.json").read_text())
 ORIGIN = Pose(0.0, 0.0, 0.0)
@@ -40,10 +40,10 @@ def test_a_plan_is_made_each_second_and_forgets_what_was_checked():
 
 def test_the_goal_checker_asks_for_the_position_once_and_the_end_is_final():
     config = Nav2GracefulConfig()
-    drive = goal_checked(new_plan(-1.0, 0.0, 0.0), Pose(0.05, 0.0, 1.0), config.stop)
+    drive = check_goal(new_plan(-1.0, 0.0, 0.0), Pose(0.05, 0.0, 1.0), config.stop)
     assert (drive.checked, drive.done) == (True, False)
-    assert goal_checked(drive, Pose(0.5, 0.0, 0.04), config.stop).done
-    assert not goal_checked(new_plan(-1.0, 0.0, 0.0), Pose(0.5, 0.0, 0.0), config.stop).done
+    assert check_goal(drive, Pose(0.5, 0.0, 0.04), config.stop).done
+    assert not check_goal(new_plan(-1.0, 0.0, 0.0), Pose(0.5, 0.0, 0.0), config.stop).done
     memory = Nav2Graceful.new_memory(config)
     for pose in (ORIGIN, Pose(2.0, 1.0, 1.0)):
         memory, command, _ = Nav2Graceful.step(memory, seen(pose), ORIGIN, config)
