@@ -56,8 +56,10 @@ def run_and_report(options: BenchmarkOptions, folder: Path) -> int:
 def better(ours: Results, peer: Results) -> list[tuple[str, str, float, float, bool]]:
     """List the quantities in which a peer is better than this project's law.
 
-    Each entry has the text, the unit, the peer's value, our value, and True if the intervals do not overlap. A law that
-    never settles or is never answered has no such time, and is not ahead in it.
+    A law without a time, because no run settles or is answered, is not ahead in this time.
+
+    Returns:
+        For each quantity: text, unit, the peer's value, our value, and True if the intervals do not overlap.
     """
     ahead = []
     shares = (

@@ -159,8 +159,8 @@ def search(
     return best
 
 
-def _drift(loop: ContractLoop, start: Pose, memory: SwitchingMemory, leaving: float, steps: int) -> tuple[float, float]:
-    """Drive the robot forwards and backwards until it leaves Omega_L.
+def _drift(loop: ContractLoop, start: Pose, memory: SwitchingMemory, leaving: float, steps: int) -> float:
+    """Drive the robot forwards and backwards in Omega_L, and return its largest distance [m] from the goal.
 
     Args:
         loop: law, contract and period.
@@ -168,13 +168,10 @@ def _drift(loop: ContractLoop, start: Pose, memory: SwitchingMemory, leaving: fl
         memory: memory of the law at the start.
         leaving: [m] measured distance beyond which the law leaves Omega_L.
         steps: largest number of steps.
-
-    Returns:
-        The largest distance [m] from the goal, and the time [s] at which it is reached.
     """
     pose, errors, turn_back = start, np.zeros(ERRORS), _TURN_BACK * _ALONG * loop.contract.eps_position
-    farthest, when = math.hypot(start.x, start.y), 0.0
-    for number in range(steps):
+    farthest = math.hypot(start.x, start.y)
+    for _ in range(steps):
         direction = math.copysign(1.0, memory.command.v)
         if direction * pose.x > turn_back:
             direction = -direction
@@ -183,22 +180,19 @@ def _drift(loop: ContractLoop, start: Pose, memory: SwitchingMemory, leaving: fl
         pose, memory, _ = next_pose(loop, pose, memory, loop.contract.sigma_max, errors)
         if memory.switching.region != OMEGA_L:
             break
-        distance = math.hypot(pose.x, pose.y)
-        if distance > farthest:
-            farthest, when = distance, (number + 1) * loop.period
-    return farthest, when
+        farthest = max(farthest, math.hypot(pose.x, pose.y))
+    return farthest
 
 
 _drift_kernel = compile_bounds(_drift)
 
 
-def drift_of(loop: ContractLoop) -> tuple[float, float]:
-    """Return the largest distance [m] of a drift, and its time [s]. It starts where Omega_L may just be entered."""
+def drift_of(loop: ContractLoop) -> float:
+    """Return the largest distance [m] of a drift that starts where the law may just enter Omega_L."""
     sigma, tolerance = loop.contract.sigma_max, loop.law.config.tolerance
     start = Pose(0.0, entering_radius(sigma, tolerance) + loop.contract.eps_position, 0.0)
     memory = new_memory()._replace(switching=Switching(OMEGA_L, 1, 0.0), command=Twist(0.1, 0.0))
-    farthest, when = _drift_kernel(loop, start, memory, leaving_radius(sigma, tolerance), _DRIFT_STEPS)
-    return float(farthest), float(when)
+    return float(_drift_kernel(loop, start, memory, leaving_radius(sigma, tolerance), _DRIFT_STEPS))
 
 
 def run_adversary(path: Path, steps: int, trajectories: int, seed: int, out: Path) -> int:
@@ -219,7 +213,7 @@ def run_adversary(path: Path, steps: int, trajectories: int, seed: int, out: Pat
     with output_folder(out):
         with tqdm(desc="adversary", total=_GENERATIONS, unit="generation", disable=None) as bar:
             attack = search(loop, seed, each=lambda _: bar.update())
-        drift = drift_of(loop)[0]
+        drift = drift_of(loop)
         distance = max(attack.distance, drift)
         observed = _observed(certificate, steps, trajectories, seed)
         result = {

@@ -157,7 +157,7 @@ def fill_deviations(
 ) -> bool:
     """Fill ``out`` (steps, 6) with the deviations of one history (steps + 1, 12) of a run to the origin.
 
-    The law is run again on the recorded estimates. Where the pose is not known, the deviations are infinite.
+    The function runs the law again on the recorded estimates. Deviations are infinite while the pose is not known.
 
     Args:
         config: configuration of the controller.

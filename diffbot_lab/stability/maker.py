@@ -118,9 +118,9 @@ def row_of(rho: Any, distance: float) -> int:
 
 
 def rank_of_box(table: Table, ranks: Any, box: Any) -> int:
-    """Return the largest rank of the cells that a box meets; UNRANKED if one of them has no rank.
+    """Return the largest rank of the cells that a box meets, UNRANKED if one of these cells has no rank.
 
-    States nearer than the first row count as CORE.
+    States nearer than the first row have the rank CORE.
     """
     first, last = row_of(table.rho, box[0]), row_of(table.rho, box[1])
     if last >= len(table.rho) - 1:
@@ -228,7 +228,7 @@ def certify(config: SwitchingConfig, plan: Plan, threads: int | None = None) -> 
 
 
 def holding_radius(law: IdealLaw, plan: Plan) -> float:
-    """Return the true distance [m] within which Omega_L stays in force, by the contract at that distance.
+    """Return the largest true distance [m] after a step in Omega_L, under the contract that holds at this distance.
 
     Raises:
         DiffbotError: if there is no such distance within the start, because the bounds of the estimate grow too fast.
@@ -310,7 +310,7 @@ def core_radius(table: Table, ranks: NDArray[np.int16]) -> float:
 
 
 def steps_from(table: Table, ranks: NDArray[np.int16], distance: float) -> int:
-    """Return the largest number of steps from any state within ``distance`` [m] to the core.
+    """Return the largest number of steps to the core. The steps start within ``distance`` [m] of the goal.
 
     Raises:
         DiffbotError: if a cell there has no rank.

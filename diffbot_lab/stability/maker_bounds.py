@@ -231,7 +231,7 @@ def _square(rho: Any, u: Any, cosine: Any) -> Any:
 
 
 def _moved(loop: MakerLoop, states: tuple[Interval, ...], v: Interval, omega: Interval) -> list[Any]:
-    """Return the sides of boxes (rho, alpha, beta) after a step, not wrapped; rho < 0 where there is no bound."""
+    """Return the sides of boxes (rho, alpha, beta) after a step. Angles are not wrapped; rho < 0 means no bound."""
     rho, alpha, beta = states
     error = loop.noise * np.maximum(_absolute(v)[1], loop.half * _absolute(omega)[1])
     turned = error / loop.half + loop.eps_omega
@@ -274,7 +274,7 @@ class Boxes(NamedTuple):
 
 
 def boxes_of_row(loop: MakerLoop, rho: Interval, alphas: int, betas: int) -> Boxes | None:
-    """Return the images of the cells of a row under one step of Omega_G; None if they have no bound.
+    """Return the images of the cells of a row after one step of Omega_G, or None if an image has no bound.
 
     Args:
         loop: loop with the contract in this row.

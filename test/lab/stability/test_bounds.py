@@ -1,4 +1,4 @@
-"""The bounds of a step hold the robot's own law, limits, switch and plant."""
+"""The bounds of a step contain the robot's own law, limits, region switch and plant."""
 
 import math
 
@@ -30,7 +30,7 @@ def images_of(sides):
     return boxes[: images(LOOP, box, boxes)]
 
 
-def test_commands_of_the_law_are_inside_their_bounds():
+def test_the_bounds_contain_the_commands_of_the_law():
     rng = np.random.default_rng(1)
     for _ in range(600):
         near = rng.uniform(0.05, 12.0) ** rng.choice([1.0, 3.0]) % 12.0 + 0.02
@@ -50,7 +50,7 @@ def near_or_around(angle, low, high):
 
 
 @pytest.mark.parametrize("leading", [FRONT, BACK])
-def test_states_after_a_step_are_in_the_images_of_their_cell_whichever_end_leads(leading):
+def test_the_checkers_images_contain_the_states_after_a_step_whichever_end_leads(leading):
     rng = np.random.default_rng(2 + leading)
     for _ in range(60):
         rho = rng.choice([rng.uniform(0.12, 0.4), rng.uniform(0.3, 1.0), rng.uniform(1.0, 12.0)])
@@ -68,7 +68,7 @@ def test_states_after_a_step_are_in_the_images_of_their_cell_whichever_end_leads
             ), (sides, found)
 
 
-def test_states_after_a_step_are_in_the_images_of_the_maker():
+def test_the_makers_images_contain_the_states_after_a_step():
     rng, loop, alphas, betas = np.random.default_rng(6), maker_loop(LAW, PLAN), 144, 64
     for _ in range(40):
         rho = rng.choice([rng.uniform(0.12, 0.4), rng.uniform(0.3, 1.0), rng.uniform(1.0, 12.0)])
@@ -112,7 +112,7 @@ def test_omega_l_and_departures_from_it_end_within_the_bound_that_the_core_conta
 
 
 @pytest.mark.parametrize("tolerance", [0.1, 0.4])
-def test_poses_beyond_the_leaving_radius_count_as_outside_and_nearer_ones_may_not(tolerance):
+def test_the_law_is_in_omega_g_beyond_the_leaving_radius_whatever_the_uncertainty(tolerance):
     config = CONFIG._replace(tolerance=CONFIG.tolerance._replace(xy_goal_tolerance=tolerance))
     radius = checker_loop(ideal_law(config, PLAN), PLAN).leaving
     before = new_memory()._replace(switching=Switching(OMEGA_L, 1, 0.0), command=Twist(0.2, 0.0))
@@ -127,7 +127,7 @@ def test_poses_beyond_the_leaving_radius_count_as_outside_and_nearer_ones_may_no
 @pytest.mark.parametrize(
     ("field", "value"), [("command_latency", 0.1), ("a_max", 0.5), ("omega_dot_max", 1.5), ("min_velocity", 0.03)]
 )
-def test_a_base_that_does_not_obey_at_once_needs_a_contract_and_is_certified_by_what_the_law_requests(field, value):
+def test_a_base_with_delays_or_limits_needs_bounds_of_the_base_and_is_certified_by_the_requested_command(field, value):
     config = CONFIG._replace(data_sheet=SHEET._replace(**{field: value}))
     with pytest.raises(InvalidValueError, match=r"eps_omega = 0.0: must be above 0 with limits of the acceleration"):
         ideal_law(config, Plan(Contract(eps_v=0.01)))
@@ -147,6 +147,6 @@ def test_a_base_that_does_not_obey_at_once_needs_a_contract_and_is_certified_by_
         (CONFIG._replace(symmetric_yaw_tolerance=True), "symmetric_yaw_tolerance"),
     ],
 )
-def test_a_law_that_is_not_covered_is_refused_by_the_name_of_its_parameter(config, name):
+def test_an_uncovered_configuration_is_refused_by_the_name_of_its_parameter(config, name):
     with pytest.raises(InvalidValueError, match=name):
         ideal_law(config, Plan())

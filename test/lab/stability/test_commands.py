@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from diffbot_lab.stability import adversary, certificates
+from diffbot_lab.stability import adversary
 from diffbot_lab.stability.file import load_certificate
 from diffbot_lab.stability.plan import Contract
 from diffbot_tools import cli
@@ -68,13 +68,3 @@ def test_invalid_options_end_in_one_line(arguments, status, part, tmp_path, caps
     lines = capsys.readouterr().err.strip().splitlines()
     assert part in lines[-1]
     assert not list(tmp_path.rglob("*.json"))
-
-
-def test_an_interrupt_leaves_no_file(tmp_path, monkeypatch):
-    def interrupted(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(certificates, "certify", interrupted)
-    path = tmp_path / "new" / "one.json"
-    assert cli.main(["stability", "certify", *SMALL, "--out", str(path)]) == 130
-    assert not list(tmp_path.rglob("*.json*"))

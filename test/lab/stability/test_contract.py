@@ -1,4 +1,4 @@
-"""Deviations of runs from a contract, how often they keep it, and bounds that they keep."""
+"""Deviations of runs from the requested motion, fitted bounds, and the share of the runs that keep a contract."""
 
 import math
 
@@ -29,7 +29,7 @@ SEED = 9017
 BOUNDS = Contract(eps_v=0.01, eps_omega=0.02)
 
 
-def test_a_contract_is_kept_where_all_is_within_its_bounds():
+def test_a_contract_is_kept_if_all_deviations_are_within_the_bounds():
     deviations = np.zeros((1, 7, 6))
     deviations[0, 1:, :5] = np.diag([0.061, 0.031, 0.027, 0.011, 0.021, 0.0])[:, :5]
     deviations[0, 6, :5] = 0.06, 0.03, 0.026, 0.01, 0.02
@@ -65,8 +65,8 @@ def test_fitted_bounds_are_kept_by_their_share_of_the_runs():
     assert fit_bounds(deviations, BOUNDS, 1.0)["eps_position"] == pytest.approx(0.1)
 
 
-def test_near_the_goal_a_base_deviates_by_what_it_is_faster_than_the_law_may_request_there():
-    """0.05 m in 0.1 s, in any direction: f(0.1 m) = 0.188 m/s, and a turning wheel may add 0.039 m/s."""
+def test_near_the_goal_only_the_speed_beyond_the_largest_request_is_a_deviation():
+    """The base moves 0.05 m in 0.1 s; f(0.1 m) = 0.188 m/s, and the wheel error of a turn adds up to 0.039 m/s."""
     law, numbers = ideal_law(SwitchingConfig(), Plan()), BaseStep(0.05, 0.1)
     before, after = Pose(1.0, 2.0, 3.1), Pose(0.97, 2.04, -1.0)
     assert excess_speed_near_goal(before, after, 0.1, law, numbers) == pytest.approx(0.5 - 0.188 - 0.039, abs=1e-3)
@@ -78,11 +78,11 @@ def nominal():
     return RobotRuns(make_case(Configuration(), 60.0), uniform_starts(np.random.default_rng(SEED), 4, 3.0))
 
 
-def test_deviations_of_a_base_that_obeys_are_the_errors_of_the_estimate_alone(nominal):
+def test_an_ideal_base_has_only_the_errors_of_the_estimate(nominal):
     case = nominal.case
     histories = run_histories(case, Starts(nominal.starts), SEED, 0, 4)
     found = contract.measure_deviations(nominal, Contract(), SEED)
-    # As of the first measured pose.
+    # The deviations are finite from the first measured pose on.
     known = np.isfinite(found[..., :3]).all(axis=-1)
     assert known[:, 50:].all()
     errors = histories[:, :-1, 3:6] - histories[:, :-1, :3]
@@ -92,18 +92,18 @@ def test_deviations_of_a_base_that_obeys_are_the_errors_of_the_estimate_alone(no
     np.testing.assert_array_equal(found[known, 2], histories[:, :-1, 8][known])
     np.testing.assert_array_equal(found[known, DISTANCE], np.hypot(*histories[:, :-1, :2][known].T))
     assert found[known][:, 3:5].max() < 1e-9
-    # Wheels that are off by less than the plant's are not enough.
+    # If the contract allows less than the wheel noise of the plant, the base deviates.
     assert contract.measure_deviations(nominal, Contract(wheel_error=0.04), SEED)[known][:, 3].max() > 1e-3
 
 
-def test_a_robot_with_limits_dead_time_and_lag_is_near_what_its_law_requests_for_the_coasted_pose():
+def test_a_robot_with_limits_dead_time_and_lag_follows_the_request_for_the_coasted_pose():
     robot = read_robot("turtlebot4")
     runs = contract.runs_of_robot(robot, 20, SEED)
     assert np.hypot(*runs.starts[:, :2].T).max() < contract.start_radius(robot) == pytest.approx(12.0 * 0.31)
     found = contract.measure_deviations(runs, Contract(), SEED)[:, 100:]
     assert 1e-3 < found[..., 3].max() < 0.01
     assert 1e-3 < found[..., 4].max() < 0.1
-    # The pose itself, without the prediction, is as far off as the robot drives in the dead time.
+    # Without the prediction the deviation is the distance that the robot drives in the dead time.
     sheet = runs.case.controller.data_sheet
     blind = runs.case.controller._replace(data_sheet=sheet._replace(command_latency=0.0, drive_time_constant=0.0))
     histories = run_histories(runs.case._replace(controller=blind), Starts(runs.starts), SEED, 0, 20)
