@@ -7,7 +7,6 @@ the dock. Contact is the first time that the true pose crosses x = 0 of the dock
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,7 +20,7 @@ from diffbot_control.law.law import Law
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.files import output_folder, write_json
 from diffbot_core.schema import build, parameters_of
-from diffbot_lab.benchmark.cases import DURATION, LIMITS, cases_named
+from diffbot_lab.benchmark.cases import DURATION, LIMITS, NONE, Values, cases_named
 from diffbot_lab.benchmark.statistics import spread
 from diffbot_lab.campaign.statistics import wilson
 from diffbot_lab.cases import Configuration, described, make_case
@@ -53,7 +52,7 @@ class DockingCase(NamedTuple):
 
     name: str
     text: str
-    detector: tuple[tuple[str, float], ...] = ()
+    detector: Values = NONE
     """parameters of the detector that differ from the default"""
     is_mixed: bool = True
     """True for the actuators of the case ``mix``, False for ideal actuators with bounded speeds"""
@@ -64,8 +63,8 @@ class DockingCase(NamedTuple):
 
 CASES = (
     DockingCase("docking", "realistic mix of actuators, 20 % of the detections lost"),
-    DockingCase("docking_no_loss", "no detection lost", (("detection_dropout", 0.0),)),
-    DockingCase("docking_outliers", "5 % of the detections 0.5 m off", (("detection_outlier", 0.05),)),
+    DockingCase("docking_no_loss", "no detection lost", {"detection_dropout": 0.0}),
+    DockingCase("docking_outliers", "5 % of the detections 0.5 m off", {"detection_outlier": 0.05}),
     DockingCase("docking_backward", "the back of the robot docks", backward=True),
     DockingCase("docking_no_mix", "ideal actuators", is_mixed=False),
     DockingCase("docking_50_hz", "control at 50 Hz instead of 10 Hz", sampling_time=0.02),
@@ -78,7 +77,7 @@ def case_of(case: DockingCase, law: type[Law]) -> Case:
     actuators = {name: value for name, value in mix.world.items() if not name.startswith("fix_")}
     plant = {"wheel_speed_max": LIMITS["wheel.max_velocity"], "sampling_time": case.sampling_time}
     plant |= actuators if case.is_mixed else {}
-    sensors = {"fix_rate": 0.0, "detection_rate": 10.0, **dict(case.detector)}
+    sensors = {"fix_rate": 0.0, "detection_rate": 10.0, **case.detector}
     names = {one.name for one in parameters_of(law.Config)}
     sheet = {**LIMITS, **(mix.sheet if case.is_mixed else {}), "dock_backward": case.backward}
     config = build(law.Config, {name: value for name, value in sheet.items() if name in names})
@@ -118,13 +117,11 @@ def contacts(histories: Array, sampling_time: float) -> Array:
     return result
 
 
-def run_docking(
-    case: DockingCase, law: type[Law], starts: Array, seed: int, done: Callable[[int], Any] = id
-) -> tuple[Array, Array]:
+def run_docking(case: DockingCase, law: type[Law], starts: Array, seed: int, bar: Any = None) -> tuple[Array, Array]:
     """Return the contacts (runs, 4) of one run from each start, and the paths (<= 500, steps + 1, 3) of the first runs.
 
-    Both are in the frame of the dock, which is turned by pi if the robot docks backwards. ``done`` is called with the
-    number of runs of each finished chunk.
+    Both are in the frame of the dock, which is turned by pi if the robot docks backwards. The progress bar counts the
+    finished runs.
     """
     shared, chunks, paths = case_of(case, law), [], np.empty((0, 0, 3))
     rows = Starts(turned(starts) if case.backward else starts)
@@ -134,7 +131,8 @@ def run_docking(
         histories = turned(histories) if case.backward else histories
         chunks.append(contacts(histories, shared.robot.plant.sampling_time))
         paths = histories if first == 0 else paths
-        done(count)
+        if bar is not None:
+            bar.update(count)
     return np.concatenate(chunks), paths
 
 
@@ -175,7 +173,7 @@ def run_and_report(runs: int, seed: int, names: tuple[str, ...], folder: Path) -
     total = runs * len(cases) * len(LAWS)
     with output_folder(folder), tqdm(total=total, desc="docking", unit="run", disable=None) as bar:
         for case in cases:
-            done = {name: run_docking(case, law, starts, seed, bar.update) for name, law in LAWS.items()}
+            done = {name: run_docking(case, law, starts, seed, bar) for name, law in LAWS.items()}
             shown = shown or done
             figures = {name: figures_of(contact) for name, (contact, _) in done.items()}
             results["cases"].append({"name": case.name, "text": case.text, "laws": figures})

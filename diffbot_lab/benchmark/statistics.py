@@ -20,8 +20,8 @@ ANSWER_TIMES = (20, 30, 60)
 """[s] times at which the answered runs are counted"""
 
 
-def bootstrap_interval(values: Array, level: float, confidence: float = 0.95) -> tuple[float, float]:
-    """Return the bootstrap percentile interval of a quantile, in the limit of infinitely many resamples.
+def bootstrap_interval(values: Array, level: float) -> tuple[float, float]:
+    """Return the 95 % bootstrap percentile interval of a quantile, in the limit of infinitely many resamples.
 
     The k-th smallest of n values drawn with replacement is at most the j-th smallest value of the sample with the
     probability P(B >= k), where B is binomial with n draws of probability j / n. So no resampling is needed (B. Efron,
@@ -30,12 +30,11 @@ def bootstrap_interval(values: Array, level: float, confidence: float = 0.95) ->
     Args:
         values: (n,) values, n >= 1.
         level: level of the quantile, in (0, 1).
-        confidence: confidence level of the interval.
     """
     n = len(values)
     rank = max(1, math.ceil(level * n))
     at_most = binom.sf(rank - 1, n, np.arange(1, n + 1) / n)
-    tail = 0.5 * (1.0 - confidence)
+    tail = 0.5 * (1.0 - 0.95)
     low, high = (min(int(np.searchsorted(at_most, share)), n - 1) for share in (tail, 1.0 - tail))
     ordered = np.sort(values)
     return float(ordered[low]), float(ordered[high])

@@ -33,6 +33,8 @@ from diffbot_tools.robot import read_robot
 _RUNS = 200
 """number of runs to which the bounds are fitted, and number of other runs that count how often they are kept"""
 _SEED = 9017
+_RANDOM_STEPS = 1_000_000
+"""approximate number of random steps that are compared with a certificate"""
 _END = 45.0
 """[s] end of the part of a run that counts. The robots rest at their goals afterwards"""
 
@@ -102,7 +104,7 @@ def certify_robot(
     slopes = {name: value for name, value in bounds.items() if name in SLOPES}
     contract = Contract(wheel_error=runs.case.robot.plant.drive_noise, **slopes)
     with tqdm(total=2 * _RUNS, desc="contract", unit="run", disable=None) as bar:
-        fitted = fit_bounds(measure_deviations(runs, contract, _SEED, bar)[:, part], contract, 1.0)
+        fitted = fit_bounds(measure_deviations(runs, contract, _SEED, bar)[:, part], contract)
         unbounded = [one for one, value in fitted.items() if not value < 1.0 and one not in bounds]
         if unbounded:
             raise DiffbotError(
@@ -124,8 +126,8 @@ def certify_robot(
     )
 
 
-def run_verify(path: Path, steps: int = 1_000_000, seed: int = 1) -> int:
-    """Check a certificate, and compare it with ``steps`` steps of the robot's own law from random memories.
+def run_verify(path: Path) -> int:
+    """Check a certificate, and compare it with random steps of the robot's own law.
 
     Raises:
         DiffbotError: naming the first claim that is not proved, or if a rank does not fall in a step.
@@ -139,7 +141,7 @@ def run_verify(path: Path, steps: int = 1_000_000, seed: int = 1) -> int:
     print(f"{report(certificate)}\nVerified {cells} cells in {time.monotonic() - began:.0f} s.")
     if certificate.law != law_version(SwitchingLaw):
         print("The law's code has changed since the certificate was made. It is verified for the present code.")
-    counts = sample(certificate, steps, seed)
+    counts = sample(certificate, _RANDOM_STEPS, seed=1)
     if counts.broken:
         raise DiffbotError(
             f"{path}: the certificate is refuted: in {counts.broken} runs of {counts.steps} random steps a rank "

@@ -54,12 +54,8 @@ class Cells(NamedTuple):
     """(cells,) TOO_HIGH for a cell without a rank"""
 
 
-def verify(certificate: Certificate, threads: int | None = None) -> None:
+def verify(certificate: Certificate) -> None:
     """Check every claim of a certificate.
-
-    Args:
-        certificate: contents of a file.
-        threads: number of threads; None means one per core.
 
     Raises:
         DiffbotError: naming the first claim that is not proved.
@@ -68,7 +64,7 @@ def verify(certificate: Certificate, threads: int | None = None) -> None:
     loop = checker_loop(law, certificate.plan.at(certificate.claims.seed))
     _check_claims(certificate)
     _check_near(certificate, loop)
-    _check_cells(certificate, law, threads)
+    _check_cells(certificate, law)
 
 
 def _check_claims(certificate: Certificate) -> None:
@@ -109,11 +105,11 @@ def _check_near(certificate: Certificate, loop: CheckerLoop) -> None:
         raise DiffbotError(f"not verified: a step from within {inside:g} m may lead to {reach:.4f} m, beyond the seed")
 
 
-def _check_cells(certificate: Certificate, law: IdealLaw, threads: int | None) -> None:
+def _check_cells(certificate: Certificate, law: IdealLaw) -> None:
     """Check that every cell with a rank leads only to smaller ranks, or stays in the core."""
     cells, rows = cells_of(certificate), range(len(certificate.alphas))
     loops = [checker_loop(law, certificate.plan.at(float(rho))) for rho in certificate.rho[1:]]
-    pool = ThreadPoolExecutor(threads)
+    pool = ThreadPoolExecutor()
     try:
         found = pool.map(lambda row: int(failing_kernel(loops[row], cells, row)), rows)
         for row, failing in zip(rows, tqdm(found, "verify", len(rows), unit="row", disable=None), strict=True):

@@ -119,17 +119,14 @@ def is_kept(deviations: Array, contract: Contract) -> NDArray[np.bool_]:
     return np.asarray((_without_slopes(deviations, contract) <= bounds).all(axis=-1))
 
 
-def fit_bounds(deviations: Array, contract: Contract, share: float) -> dict[str, float]:
-    """Fit each bound so that a share of the runs keeps it in all steps. Round the bounds up to two digits.
+def fit_bounds(deviations: Array, contract: Contract) -> dict[str, float]:
+    """Return the smallest bounds that all deviations (runs, steps, 6) keep, rounded up to two digits.
 
-    Args:
-        deviations: (runs, steps, 6).
-        contract: contract that gives the slopes.
-        share: share of the runs.
+    The slopes are the slopes of the contract.
     """
     bounds = {}
-    for name, worst in zip(BOUNDED, _without_slopes(deviations, contract).max(axis=1).T, strict=True):
-        value = max(float(np.quantile(worst, share, method="inverted_cdf")), _MIN_BOUND)
+    for name, largest in zip(BOUNDED, _without_slopes(deviations, contract).max(axis=(0, 1)), strict=True):
+        value = max(float(largest), _MIN_BOUND)
         if value < math.inf:
             digit = 10.0 ** (math.floor(math.log10(value)) - 1)
             value = round(math.ceil(value / digit) * digit, 9)

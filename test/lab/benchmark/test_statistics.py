@@ -19,7 +19,6 @@ def test_the_bootstrap_interval_equals_the_interval_of_many_resamples(level):
     # The ends of the resampled interval vary by a rank or two.
     ranks = [np.searchsorted(np.sort(values), pair) for pair in (found, expected)]
     assert np.abs(ranks[0] - ranks[1]).max() <= 2
-    assert bootstrap_interval(values, level, 0.5)[0] > found[0]
 
 
 def test_one_value_is_its_own_interval():

@@ -45,7 +45,7 @@ def test_slopes_allow_the_estimate_more_far_from_the_goal():
     assert is_kept(deviations, sloped).tolist() == [[True, False, True, True]]
     deviations[0, 3, 3] = 0.011
     assert is_kept(deviations, sloped).tolist() == [[True, False, True, False]]
-    assert fit_bounds(deviations[:, :1], sloped, 1.0)["sigma_max"] == pytest.approx(0.026)
+    assert fit_bounds(deviations[:, :1], sloped)["sigma_max"] == pytest.approx(0.026)
     assert sloped.at(2.0) == pytest.approx(BOUNDS._replace(eps_position=0.1, eps_theta=0.07, sigma_max=0.056))
 
 
@@ -55,14 +55,13 @@ def test_the_share_of_the_runs_has_wilsons_interval():
     assert kept_share(within) == pytest.approx((0.5, 0.150, 0.850), abs=1e-3)  # 2 of 4
 
 
-def test_fitted_bounds_are_kept_by_their_share_of_the_runs():
+def test_fitted_bounds_are_the_largest_deviations_rounded_up_to_two_digits():
     deviations = np.zeros((10, 3, 6))
-    deviations[:, 1, 0] = 0.01 * np.arange(1.0, 11.0)
+    deviations[:, 1, 0] = 0.01001 * np.arange(1.0, 11.0)
     deviations[:, 2, 2] = math.inf
-    assert fit_bounds(deviations, BOUNDS, 0.5) == pytest.approx(
-        {"eps_position": 0.05, "eps_theta": 0.001, "sigma_max": math.inf, "eps_v": 0.001, "eps_omega": 0.001}
+    assert fit_bounds(deviations, BOUNDS) == pytest.approx(
+        {"eps_position": 0.11, "eps_theta": 0.001, "sigma_max": math.inf, "eps_v": 0.001, "eps_omega": 0.001}
     )
-    assert fit_bounds(deviations, BOUNDS, 1.0)["eps_position"] == pytest.approx(0.1)
 
 
 def test_near_the_goal_only_the_speed_beyond_the_largest_request_is_a_deviation():

@@ -31,7 +31,7 @@ def remade(monkeypatch, certificate, name, change):
 def test_a_wrong_sign_and_too_little_noise_in_the_maker_are_found(monkeypatch, certificate, change):
     wrong = remade(monkeypatch, certificate, "maker_loop", lambda loop: loop._replace(**change))
     with pytest.raises(DiffbotError, match="not verified"):
-        verify(wrong, threads=1)
+        verify(wrong)
 
 
 def test_a_maker_that_rounds_inward_is_found(monkeypatch, certificate):
@@ -46,7 +46,7 @@ def test_a_maker_that_rounds_inward_is_found(monkeypatch, certificate):
 
     wrong = remade(monkeypatch, certificate, "boxes_of_row", shrunk)
     with pytest.raises(DiffbotError, match=CELL):
-        verify(wrong, threads=1)
+        verify(wrong)
 
 
 def changed(certificate, at, rank):
