@@ -99,9 +99,13 @@ def turned(poses: Array) -> Array:
 
 
 def contacts(histories: Array, sampling_time: float) -> Array:
-    """Return the contacts (runs, 4), see CONTACT_COLUMNS, of histories (runs, steps + 1, >= 3) of x, y, theta, ...
+    """Return the contacts (runs, 4) of CONTACT_COLUMNS.
 
     The robot docks in the direction of x. All values are interpolated linearly between two steps.
+
+    Args:
+        histories: (runs, steps + 1, >= 3); the first columns are x, y and theta.
+        sampling_time: [s]
     """
     x = histories[:, :, 0]
     crossing = (x[:, :-1] < 0.0) & (x[:, 1:] >= 0.0)

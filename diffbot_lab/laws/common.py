@@ -124,7 +124,7 @@ def conclude(
 
 
 def approach_speed(distance: float, sheet: DataSheet) -> float:
-    """Return the speed [m/s] from which the robot can stop within ``distance`` [m]; inf if a_max is."""
+    """Return the speed [m/s] from which the robot can stop within ``distance`` [m]; inf if a_max = inf."""
     if sheet.a_max == math.inf:
         return math.inf
     return braking(distance, _BRAKE_SHARE * sheet.a_max, _BRAKE_TIME)

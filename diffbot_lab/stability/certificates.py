@@ -108,7 +108,7 @@ def certify_robot(
         unbounded = [one for one, value in fitted.items() if not value < 1.0 and one not in bounds]
         if unbounded:
             raise DiffbotError(
-                f"no contract: the simulated runs exceed every bound of {', '.join(unbounded)} after {since:g} s; "
+                f"no contract: {', '.join(unbounded)} is not below 1 in all simulated runs from {since:g} s on; "
                 "choose a later --since"
             )
         contract = Contract(**{**contract._asdict(), **fitted, **bounds})
