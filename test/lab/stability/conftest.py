@@ -1,4 +1,4 @@
-"""One small certificate for all tests: far from the goal, where large cells suffice."""
+"""One small certificate for all tests. It has large cells, which suffice far from the goal."""
 
 import pytest
 
