@@ -1,1 +1,1 @@
-"""The switching law and its peers under equal conditions, their tuning, and docking beside Nav2's docking server."""
+"""Compare the switching law with its peers under equal conditions, tune the laws, and compare docking with Nav2."""

@@ -22,35 +22,35 @@ Values = Mapping[str, Any]
 
 NONE: Values = MappingProxyType({})
 DURATION = 60.0
-"""[s] of a run"""
+"""[s] duration of a run"""
 XY_TOLERANCE, YAW_TOLERANCE = 0.1, 0.1
-"""[m], [rad] within which a run has to end"""
+"""[m], [rad] Largest errors of position and heading at the end of a successful run."""
 WHEEL_RADIUS = 0.05
 """[m]"""
 LIMITS: Values = {"linear.x.max_velocity": 1.3, "angular.z.max_velocity": 2.6, "wheel.max_velocity": 1.3 / WHEEL_RADIUS}
-"""Data sheet of every case: 1.3 m/s at the rims, 2.6 rad/s."""
+"""Limits of every case: 1.3 m/s at the rims, 2.6 rad/s."""
 ARENA, TRAINING, FAR, NEAR, DOCKING, SHORT = "arena", "training", "far", "near", "docking", "short"
-"""Kinds of starts. ARENA are the 17 starts of the paper; the others are random."""
+"""Kinds of starts. ARENA stands for the 17 starts of the paper; the others are random."""
 SPEED, ACCELERATION, OWN = "speed", "acceleration", "own"
-"""Tables of the results: bounded speeds; bounded accelerations, too; cases of this project's law alone."""
+"""Tables of the results: bounded speeds; bounded speeds and accelerations; cases of this project's law only."""
 _DISTANCES = {NEAR: (0.0, 1.0), SHORT: (0.05, 0.7)}
-"""[m] from the goal of random starts, if not 0.2 to 15 m"""
+"""[m] range of the distances of random starts from the goal; the other kinds have 0.2 to 15 m"""
 
 
 class BenchmarkCase(NamedTuple):
-    """One case: the values of all parameters that are not the defaults, by the names of the parameters."""
+    """One case. The mappings contain the parameters that differ from the defaults."""
 
     name: str
     text: str
     table: str = SPEED
     world: Values = NONE
-    """of plant and sensors"""
+    """parameters of plant and sensors"""
     sheet: Values = NONE
-    """of the data sheet, which every law knows"""
+    """parameters of the data sheet, which every law receives"""
     starts: str = ARENA
     filter: str = EKF
     own: Values = NONE
-    """of this project's law alone"""
+    """parameters of this project's law"""
     xy_tolerance: float = XY_TOLERANCE
 
 
@@ -116,26 +116,21 @@ CASES = (
 )
 
 
-def cases_of(cases: tuple[Any, ...], names: tuple[str, ...]) -> tuple[Any, ...]:
-    """Return those of ``cases`` that have these names, all for none.
+def cases_named(names: tuple[str, ...], cases: tuple[Any, ...] = CASES) -> tuple[Any, ...]:
+    """Return the cases with these names; without names, return all cases.
 
     Raises:
         InvalidValueError: for an unknown name.
     """
-    known = {one.name: one for one in cases}
+    known = {case.name: case for case in cases}
     for name in names:
         if name not in known:
             raise InvalidValueError("case", name, "one of " + ", ".join(known))
     return tuple(known[name] for name in names) or cases
 
 
-def cases_named(names: tuple[str, ...]) -> tuple[BenchmarkCase, ...]:
-    """Return the cases of these names, see :func:`cases_of`."""
-    return cases_of(CASES, names)
-
-
 def world_of(case: BenchmarkCase) -> tuple[PlantConfig, SensorConfig, FilterConfig]:
-    """Return plant, sensors and filter of a case; the plant's wheels reach what the data sheet allows."""
+    """Return plant, sensors and filter of a case. The plant's largest wheel speed is the one of the data sheet."""
     values = {"wheel_speed_max": LIMITS["wheel.max_velocity"], **case.world}
     plant = {one.name for one in parameters_of(PlantConfig)}
     of_plant = {name: value for name, value in values.items() if name in plant}
@@ -144,14 +139,14 @@ def world_of(case: BenchmarkCase) -> tuple[PlantConfig, SensorConfig, FilterConf
 
 
 def arena_starts() -> Array:
-    """Return the starts of the paper's simulations B (8 points, two headings) and A, (17, 3) [m, m, rad]."""
+    """Return the starts (17, 3) [m, m, rad] of the paper's simulations: B (8 points, two headings), then A."""
     return np.concatenate([*(starts_of("b", heading).poses for heading in HEADINGS_B), starts_of("a").poses])
 
 
 def starts_named(kind: str, count: int, seed: int) -> Array:
-    """Return ``count`` starting poses of a kind, (count, 3) [m, m, rad], for a goal at the origin with heading 0.
+    """Return starts (count, 3) [m, m, rad] of a kind, for a goal at the origin with heading 0.
 
-    Random starts depend on ``seed`` and the kind; their distances are uniform.
+    Random starts depend on ``seed`` and the kind. Their distances are uniformly distributed.
     """
     if kind == ARENA:
         poses: Array = np.resize(arena_starts(), (count, 3))

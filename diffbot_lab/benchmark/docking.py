@@ -1,13 +1,12 @@
-"""Docking and Nav2's docking server under equal conditions: ``diffbot benchmark docking``.
+"""Compare this project's docking law with Nav2's docking server: ``diffbot benchmark docking``.
 
-Run i has the same start and the same noise under both laws, which receive the same filter's estimate in the frame of
-the dock. Contact is the first time that the true pose crosses x = 0 of the dock's frame on its way in.
+Run i has the same start and the same noise for both laws. Both receive the estimate of the same filter in the frame of
+the dock. Contact is the first time that the true pose crosses x = 0 of the dock's frame in the direction of the dock.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,7 +20,7 @@ from diffbot_control.law.law import Law
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.files import output_folder, write_json
 from diffbot_core.schema import build, parameters_of
-from diffbot_lab.benchmark.cases import DURATION, LIMITS, cases_named, cases_of
+from diffbot_lab.benchmark.cases import DURATION, LIMITS, NONE, Values, cases_named
 from diffbot_lab.benchmark.statistics import spread
 from diffbot_lab.campaign.statistics import wilson
 from diffbot_lab.cases import Configuration, described, make_case
@@ -34,28 +33,29 @@ from diffbot_sim.robot_step import Case
 Array = NDArray[np.float64]
 
 XY_TOLERANCE, YAW_TOLERANCE = 0.02, math.radians(2.0)
-"""[m], [rad] across and in heading at contact: within these the robot is docked"""
+"""[m], [rad] Largest lateral error and heading error at contact of a docked robot."""
 FILTER = FilterConfig(filter=CALIBRATING, wheels_as_configured=0.0, wheel_radius_sigma=0.02)
-"""The wheels are not as configured, as the configuration for a dock assumes."""
+"""Like the configuration for docks, it assumes that the wheels are not as configured."""
 LAWS: dict[str, type[Law]] = {"docking": Docking, "nav2_docking": Nav2Docking}
 LABELS = {"docking": "docking", "nav2_docking": "Nav2's docking server"}
 CONTACT_COLUMNS = ("lateral", "heading", "time", "speed")
-"""[m], [rad] errors, [s], [m/s] along the axis; nan without contact"""
+"""Columns of a contact: lateral error [m], heading error [rad], time [s], speed along the axis [m/s]. All are nan if
+there is no contact."""
 _CHUNK = 500
-"""runs whose histories are in memory at a time"""
+"""number of runs whose histories are in memory at a time"""
 _PATHS = 40
-"""drawn of each law"""
+"""number of paths in the figure for each law"""
 
 
 class DockingCase(NamedTuple):
-    """One case: what differs from 20 % lost detections and the realistic mix of actuators."""
+    """One case. By default, 20 % of the detections are lost and the actuators are the realistic mix."""
 
     name: str
     text: str
-    detector: tuple[tuple[str, float], ...] = ()
-    """parameters of the detector"""
+    detector: Values = NONE
+    """parameters of the detector that differ from the default"""
     is_mixed: bool = True
-    """the actuators are those of the case ``mix``; otherwise ideal but for the speeds"""
+    """True for the actuators of the case ``mix``, False for ideal actuators with bounded speeds"""
     backward: bool = False
     sampling_time: float = 0.1
     """[s]"""
@@ -63,8 +63,8 @@ class DockingCase(NamedTuple):
 
 CASES = (
     DockingCase("docking", "realistic mix of actuators, 20 % of the detections lost"),
-    DockingCase("docking_no_loss", "no detection lost", (("detection_dropout", 0.0),)),
-    DockingCase("docking_outliers", "5 % of the detections 0.5 m off", (("detection_outlier", 0.05),)),
+    DockingCase("docking_no_loss", "no detection lost", {"detection_dropout": 0.0}),
+    DockingCase("docking_outliers", "5 % of the detections 0.5 m off", {"detection_outlier": 0.05}),
     DockingCase("docking_backward", "the back of the robot docks", backward=True),
     DockingCase("docking_no_mix", "ideal actuators", is_mixed=False),
     DockingCase("docking_50_hz", "control at 50 Hz instead of 10 Hz", sampling_time=0.02),
@@ -72,12 +72,12 @@ CASES = (
 
 
 def case_of(case: DockingCase, law: type[Law]) -> Case:
-    """Return what all runs of a law in a case share; the law knows the data sheet."""
+    """Return the simulation case of a law. The law receives the data sheet of the actuators."""
     (mix,) = cases_named(("mix",))
     actuators = {name: value for name, value in mix.world.items() if not name.startswith("fix_")}
     plant = {"wheel_speed_max": LIMITS["wheel.max_velocity"], "sampling_time": case.sampling_time}
     plant |= actuators if case.is_mixed else {}
-    sensors = {"fix_rate": 0.0, "detection_rate": 10.0, **dict(case.detector)}
+    sensors = {"fix_rate": 0.0, "detection_rate": 10.0, **case.detector}
     names = {one.name for one in parameters_of(law.Config)}
     sheet = {**LIMITS, **(mix.sheet if case.is_mixed else {}), "dock_backward": case.backward}
     config = build(law.Config, {name: value for name, value in sheet.items() if name in names})
@@ -86,67 +86,70 @@ def case_of(case: DockingCase, law: type[Law]) -> Case:
 
 
 def docking_starts(count: int, seed: int) -> Array:
-    """Return starts (count, 3) [m, m, rad] before a dock at the origin: 0.5 to 3 m, +-0.5 m beside, +-45 degrees."""
+    """Return starts (count, 3) [m, m, rad] before a dock at the origin: 0.5 to 3 m, +-0.5 m lateral, +-45 degrees."""
     low, high = (-3.0, -0.5, -math.pi / 4.0), (-0.5, 0.5, math.pi / 4.0)
     return np.random.default_rng((seed, 1)).uniform(low, high, (count, 3))
 
 
 def turned(poses: Array) -> Array:
-    """Return poses (..., n >= 3) in the frame of the dock turned by half a turn, which swaps front and back."""
-    found: Array = poses.copy()
-    found[..., :2] *= -1.0
-    return found
+    """Return poses (..., n >= 3) in the dock's frame turned by pi, with front and back of the robot swapped."""
+    result: Array = poses.copy()
+    result[..., :2] *= -1.0
+    return result
 
 
 def contacts(histories: Array, sampling_time: float) -> Array:
-    """Return the contacts (runs, 4), see CONTACT_COLUMNS, of histories (runs, steps + 1, >= 3) with x, y, theta first.
+    """Return the contacts (runs, 4) of CONTACT_COLUMNS.
 
-    The robot docks driving along x. Between two steps all values are interpolated linearly.
+    The robot docks in the direction of x. All values are interpolated linearly between two steps.
+
+    Args:
+        histories: (runs, steps + 1, >= 3); the first columns are x, y and theta.
+        sampling_time: [s]
     """
     x = histories[:, :, 0]
     crossing = (x[:, :-1] < 0.0) & (x[:, 1:] >= 0.0)
     runs = np.flatnonzero(crossing.any(axis=1))
     at = crossing[runs].argmax(axis=1)
     before, after = histories[runs, at, :3], histories[runs, at + 1, :3]
-    way = after - before
-    way[:, 2] = (way[:, 2] + math.pi) % (2.0 * math.pi) - math.pi
-    share = -before[:, 0] / way[:, 0]
-    found: Array = np.full((len(histories), len(CONTACT_COLUMNS)), np.nan)
-    pose = before + share[:, np.newaxis] * way
-    found[runs] = np.column_stack((pose[:, 1], pose[:, 2], (at + share) * sampling_time, way[:, 0] / sampling_time))
-    return found
+    change = after - before
+    change[:, 2] = (change[:, 2] + math.pi) % (2.0 * math.pi) - math.pi
+    share = -before[:, 0] / change[:, 0]
+    result: Array = np.full((len(histories), len(CONTACT_COLUMNS)), np.nan)
+    pose = before + share[:, np.newaxis] * change
+    result[runs] = np.column_stack((pose[:, 1], pose[:, 2], (at + share) * sampling_time, change[:, 0] / sampling_time))
+    return result
 
 
-def run_docking(
-    case: DockingCase, law: type[Law], starts: Array, seed: int, done: Callable[[int], Any] = id
-) -> tuple[Array, Array]:
+def run_docking(case: DockingCase, law: type[Law], starts: Array, seed: int, bar: Any = None) -> tuple[Array, Array]:
     """Return the contacts (runs, 4) of one run from each start, and the paths (<= 500, steps + 1, 3) of the first runs.
 
-    Both are in the frame of the dock, turned round where the robot docks backwards. ``done`` is called with the number
-    of runs of each finished chunk.
+    Both are in the frame of the dock, which is turned by pi if the robot docks backwards. The progress bar counts the
+    finished runs.
     """
-    shared, found, paths = case_of(case, law), [], np.empty((0, 0, 3))
+    shared, chunks, paths = case_of(case, law), [], np.empty((0, 0, 3))
     rows = Starts(turned(starts) if case.backward else starts)
     for first in range(0, len(starts), _CHUNK):
         count = min(_CHUNK, len(starts) - first)
         histories = run_histories(shared, rows, seed, first, count, law=law)[:, :, :3]
         histories = turned(histories) if case.backward else histories
-        found.append(contacts(histories, shared.robot.plant.sampling_time))
+        chunks.append(contacts(histories, shared.robot.plant.sampling_time))
         paths = histories if first == 0 else paths
-        done(count)
-    return np.concatenate(found), paths
+        if bar is not None:
+            bar.update(count)
+    return np.concatenate(chunks), paths
 
 
-def figures_of(found: Array) -> dict[str, Any]:
-    """Return the figures of contacts (runs, 4)."""
-    touched = found[~np.isnan(found[:, 0])]
+def figures_of(runs: Array) -> dict[str, Any]:
+    """Return the figures of the contacts (runs, 4) of runs."""
+    touched = runs[~np.isnan(runs[:, 0])]
     docked = int(((np.abs(touched[:, 0]) <= XY_TOLERANCE) & (np.abs(touched[:, 1]) <= YAW_TOLERANCE)).sum())
     return {
-        "runs": len(found),
+        "runs": len(runs),
         "docked": docked,
-        "docked_interval": list(wilson(docked, len(found))),
+        "docked_interval": list(wilson(docked, len(runs))),
         "beside": len(touched) - docked,
-        "no_contact": len(found) - len(touched),
+        "no_contact": len(runs) - len(touched),
         "lateral": spread(np.abs(touched[:, 0])),
         "heading": spread(np.abs(touched[:, 1])),
         "time": spread(touched[:, 2]),
@@ -155,30 +158,30 @@ def figures_of(found: Array) -> dict[str, Any]:
 
 
 def run_and_report(runs: int, seed: int, names: tuple[str, ...], folder: Path) -> int:
-    """Run both laws in the named cases (all for none), write results.json and docking.png, and print the table.
+    """Run both laws in the named cases, write results.json and docking.png, and print the table.
 
     Args:
-        runs: of each law in each case.
-        seed: of starts and noise.
-        names: of cases; none: all.
-        folder: where results.json and docking.png are written.
+        runs: number of runs of each law in each case.
+        seed: seed of starts and noise.
+        names: names of cases; empty for all cases.
+        folder: folder of results.json and docking.png.
 
     Raises:
         DiffbotError: for fewer than one run or an unknown case, or if the folder cannot be written.
     """
     if runs < 1:
         raise InvalidValueError("runs", runs, ">= 1")
-    cases, starts = cases_of(CASES, names), docking_starts(runs, seed)
+    cases, starts = cases_named(names, CASES), docking_starts(runs, seed)
     results: dict[str, Any] = {"runs": runs, "seed": seed, "duration": DURATION, "cases": []}
     shown: dict[str, tuple[Array, Array]] = {}
     total = runs * len(cases) * len(LAWS)
     with output_folder(folder), tqdm(total=total, desc="docking", unit="run", disable=None) as bar:
         for case in cases:
-            done = {name: run_docking(case, law, starts, seed, bar.update) for name, law in LAWS.items()}
+            done = {name: run_docking(case, law, starts, seed, bar) for name, law in LAWS.items()}
             shown = shown or done
-            figures = {name: figures_of(found) for name, (found, _) in done.items()}
+            figures = {name: figures_of(contact) for name, (contact, _) in done.items()}
             results["cases"].append({"name": case.name, "text": case.text, "laws": figures})
-            # After each case, so that an interrupt loses one case at most.
+            # Write after each case, so that an interrupt loses at most one case.
             write_json(folder / "results.json", results)
         draw(shown, folder / "docking.png")
     for case in cases:
@@ -210,8 +213,8 @@ def table(results: dict[str, Any]) -> list[str]:
 
 
 def draw(shown: dict[str, tuple[Array, Array]], path: Path) -> None:
-    """Draw paths of each law, and the share of runs whose contact is within each error and time."""
-    # Loads matplotlib.
+    """Draw paths of each law, and the distributions of lateral error, heading error and time at contact."""
+    # Imports matplotlib.
     from diffbot_tools.plotting import BLUE, RED, new_grid, save  # noqa: PLC0415
 
     figure, panels, curves = new_grid(len(shown), 3, (12.0, 7.5), left=0.06)

@@ -1,4 +1,4 @@
-"""The laws that the benchmark compares, the ranges in which their parameters are tuned, and their tuned values."""
+"""The laws of the benchmark, the ranges of their tuned parameters, and their tuned values."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from diffbot_lab.benchmark.cases import LIMITS, NONE, OWN, BenchmarkCase, Values
 Space = Mapping[str, tuple[float, float]]
 """Ranges of the parameters that are tuned."""
 OWN_NAME = "switching"
-"""This project's law with its default preset."""
+"""Name of this project's law, which has its default preset."""
 TUNING = Path(__file__).with_name("tuning.json")
 """Result of the last ``diffbot benchmark tune``, installed with the package."""
 
@@ -28,15 +28,15 @@ class BenchmarkLaw(NamedTuple):
     label: str
     source: str
     space: Space = NONE
-    """empty: the law is not tuned"""
+    """ranges of the tuned parameters; empty if the law is not tuned"""
     values: Values = NONE
-    """parameters that are not the law's defaults"""
+    """parameters that differ from the law's defaults"""
     place: str = ""
-    """as for :func:`resolve_law`; empty: the law is registered as ``name``"""
+    """name or ``package.module:Class`` for :func:`resolve_law`; empty if the law is registered as ``name``"""
 
     @property
     def law(self) -> type[Law]:
-        """The law itself."""
+        """Class of the law."""
         return resolve_law(self.place or self.name)
 
 
@@ -87,7 +87,7 @@ _PURSUIT: Space = {
     "angular_dist_threshold": (0.05, 1.0),
 }
 _PARK = "J. J. Park, B. Kuipers, ICRA 2011, with the finish of nav2_graceful_controller"
-_NAV2_SOURCE = "nav2_graceful_controller, Jazzy, held to its compiled code; planned again each second, no look ahead"
+_NAV2_SOURCE = "nav2_graceful_controller, Jazzy, equal to its compiled code; planned again every second, no prediction"
 _SLOW: Values = {"slow_distance": 0.2, "slow_slope": 0.8}
 _SLOW_DRIVE: Space = {**_DRIVE, "slow_distance": (0.05, 0.6), "slow_slope": (0.2, 2.0)}
 _ORIOLO = "G. Oriolo, A. De Luca, M. Vendittelli, IEEE Trans. Control Systems Technology 10 (2002)"
@@ -109,24 +109,26 @@ ENTRIES = (
 
 
 def entries_for(places: tuple[str, ...]) -> tuple[BenchmarkLaw, ...]:
-    """Return this project's law and those of ``places``: names of entries, or as for :func:`resolve_law`; all for none.
+    """Return this project's law and the laws of ``places``; without places, return all entries.
+
+    A place is the name of an entry, or a name or ``package.module:Class`` for :func:`resolve_law`.
 
     Raises:
         InvalidValueError: if a law is not found.
     """
     if not places:
         return ENTRIES
-    known = {one.name: one for one in ENTRIES}
-    return (known[OWN_NAME], *(known.get(place) or _foreign(place) for place in places if place != OWN_NAME))
+    known = {entry.name: entry for entry in ENTRIES}
+    return (known[OWN_NAME], *(known.get(place) or _other_law(place) for place in places if place != OWN_NAME))
 
 
-def _foreign(place: str) -> BenchmarkLaw:
+def _other_law(place: str) -> BenchmarkLaw:
     law = resolve_law(place)
     return BenchmarkLaw(law.name, law.name, place, law.search_space, place=place)
 
 
-def takes_part(entry: BenchmarkLaw, case: BenchmarkCase) -> bool:
-    """Return True if a law is run in a case."""
+def is_run(entry: BenchmarkLaw, case: BenchmarkCase) -> bool:
+    """Return True if the case includes the law."""
     return case.table != OWN or entry.name == OWN_NAME
 
 
@@ -135,8 +137,8 @@ def config_of(entry: BenchmarkLaw, case: BenchmarkCase, tuned: Values) -> Any:
 
     Args:
         entry: the law.
-        case: its data sheet is passed on by the names of the parameters; a law gets those that it has.
-        tuned: values that replace the entry's.
+        case: the case. The law receives the parameters of its data sheet by name, as far as it has them.
+        tuned: tuned values, which replace the values of the entry.
     """
     names = {one.name for one in parameters_of(entry.law.Config)}
     sheet = {name: value for name, value in {**LIMITS, **case.sheet}.items() if name in names}
@@ -148,7 +150,7 @@ def read_tuning(path: Path) -> dict[str, Any]:
     """Return the content of a tuning.json.
 
     Raises:
-        DiffbotError: if it cannot be read, or was not written by ``diffbot benchmark tune``.
+        DiffbotError: if the file cannot be read, or was not written by ``diffbot benchmark tune``.
     """
     try:
         content: dict[str, Any] = json.loads(path.read_text())
@@ -162,10 +164,10 @@ def read_tuning(path: Path) -> dict[str, Any]:
 
 
 def tuned_values(tuning: dict[str, Any], entry: BenchmarkLaw) -> dict[str, Any]:
-    """Return the tuned values of a law, none if it was not tuned.
+    """Return the tuned values of a law; empty if the law was not tuned.
 
     Raises:
-        InvalidValueError: for a parameter that is not tuned.
+        InvalidValueError: for a parameter that is not in the ranges of the law.
     """
     values = tuning["laws"].get(entry.name, {}).get("values", {})
     for name in values:

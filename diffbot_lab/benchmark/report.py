@@ -1,4 +1,4 @@
-"""Results of ``diffbot benchmark switching``: tables, the figures in which a peer is ahead, and a picture."""
+"""Results of ``diffbot benchmark switching``: tables, the quantities in which a peer is ahead, and a figure."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ COMPARED = (
     ("settling_time", "p99", "settling time, 99 %", "s"),
     ("position", "p95", "final position error, 95 %", "m"),
 )
-"""Figures that are compared beside the shares answered and settled: part, quantile, text and unit."""
+"""Compared quantities, in addition to the shares answered and settled: part, quantile, text and unit."""
 RUNS_OF_FIGURE = 12
 START_OF_FIGURE = 10
-"""(0, 12 m), heading 220 deg"""
+"""Index of the start (0, 12 m), heading 220 degrees."""
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 _TITLE_WIDTH = 17
-"""characters in a line above a narrow panel"""
+"""number of characters in a line above a narrow panel"""
 
 
 def run_and_report(options: BenchmarkOptions, folder: Path) -> int:
@@ -54,37 +54,40 @@ def run_and_report(options: BenchmarkOptions, folder: Path) -> int:
 
 
 def better(ours: Results, peer: Results) -> list[tuple[str, str, float, float, bool]]:
-    """List the figures in which a peer is better: text, unit, its value, ours, and whether the intervals are apart.
+    """List the quantities in which a peer is better than this project's law.
 
-    A law that never settles, or is never answered, has no such time and is ahead in none.
+    A law without a time, because no run settles or is answered, is not ahead in this time.
+
+    Returns:
+        For each quantity: text, unit, the peer's value, our value, and True if the intervals do not overlap.
     """
-    found = []
+    ahead = []
     shares = (
         ("share answered by 60 s", _answered, "answered_interval"),
         ("share settled", _settled, "settled_interval"),
     )
     for text, share, interval in shares:
         if share(peer) > share(ours):
-            found.append((text, "", share(peer), share(ours), peer[interval][0] > ours[interval][1]))
+            ahead.append((text, "", share(peer), share(ours), peer[interval][0] > ours[interval][1]))
     for part, key, text, unit in COMPARED:
         own, other = ours[part][key], peer[part][key]
         if other is not None and (own is None or other < own):
             apart = own is None or peer[part][f"{key}_interval"][1] < ours[part][f"{key}_interval"][0]
-            found.append((text, unit, other, own, apart))
-    return found
+            ahead.append((text, unit, other, own, apart))
+    return ahead
 
 
 def peers_ahead(results: Results) -> list[Results]:
-    """List every figure of every case in which a peer is better than this project's law."""
+    """List the quantities of all cases in which a peer is better than this project's law."""
     labels = {one["name"]: one["label"] for one in results["laws"]}
     keys = ("figure", "unit", "peers", "ours", "apart")
-    found = []
+    ahead = []
     for row in results["cases"]:
         (ours,) = (one for one in row["laws"] if one["name"] == OWN_NAME)
         for peer in row["laws"]:
             head = {"case": row["name"], "peer": labels[peer["name"]]}
-            found += [head | dict(zip(keys, one, strict=True)) for one in better(ours, peer)]
-    return found
+            ahead += [head | dict(zip(keys, one, strict=True)) for one in better(ours, peer)]
+    return ahead
 
 
 def _settled(one: Results) -> float:
@@ -92,18 +95,18 @@ def _settled(one: Results) -> float:
 
 
 def _answered(one: Results, time: int = 60) -> float:
-    """Return the share of all runs that were answered by ``time`` [s], one of ANSWER_TIMES."""
+    """Return the share of all runs that are answered by ``time`` [s], one of ANSWER_TIMES."""
     return float(one["answered_by"][str(time)] / one["runs"])
 
 
 def table(results: Results) -> str:
-    """Lay out all cases and the figures in which a peer is ahead, for a terminal."""
+    """Return the results of all cases as text for a terminal."""
     labels = {one["name"]: one["label"] for one in results["laws"]}
     head = f"{'':<42}{'answered: 20 s':>15}{'30 s':>8}{'60 s':>8}{'false':>8}{'time [s]: median':>18}{'99 %':>7}"
     head += f"{'settled':>10}{'99 % [s]':>10}{'|pos| [m]: 95 %':>17}{'turns':>7}"
     lines = [f"{one['label']}: {one['parameters']}" for one in results["laws"]]
-    lines += [f"(in the case {results['cases'][0]['name']}; the others as their titles say)", ""]
-    lines.append("Where a peer is ahead of the switching law:" if results["ahead"] else "No peer is ahead in any case.")
+    lines += [f"(parameters in the case {results['cases'][0]['name']})", ""]
+    lines.append("A peer is ahead of the switching law in:" if results["ahead"] else "No peer is ahead in any case.")
     lines += [f"  {one['case']}: {one['peer']}, {one['figure']} {_pair(one)}" for one in results["ahead"]]
     for row in results["cases"]:
         lines += ["", f"{row['name']}: {row['text']}", head, "-" * len(head)]
@@ -122,30 +125,30 @@ def _terminal_row(label: str, one: Results) -> str:
 
 
 def _pair(one: Results) -> str:
-    """Return the peer's figure and this project's, rounded to the first digit that differs."""
+    """Return the values of the peer and of this project's law, rounded to the first digit that differs."""
     ours, peers = one["ours"], one["peers"]
     unit = f" {one['unit']}" if one["unit"] else ""
     if ours is None:
-        return f"{peers:.3f}{unit}, ours none"
+        return f"{peers:.3f}{unit}, ours has no value"
     digits = next((d for d in (3, 4, 5) if f"{peers:.{d}f}" != f"{ours:.{d}f}"), 6)
     sure = "" if one["apart"] else " (intervals overlap)"
     return f"{peers:.{digits}f}{unit}, ours {ours:.{digits}f}{unit}{sure}"
 
 
 def draw(outcomes: dict[str, Array], options: BenchmarkOptions, path: Path) -> None:
-    """Draw the paths of each law from one start, and the distributions over all its runs, in the nominal case.
+    """Draw paths of each law from one start, and the distributions over all runs, for the nominal case.
 
     Raises:
         OSError: if the file cannot be written.
     """
-    # Loads matplotlib.
+    # Imports matplotlib.
     from diffbot_tools.plotting import new_grid, save  # noqa: PLC0415
 
     (case,) = cases_named((NOMINAL,))
     tuning, start, entries = read_tuning(options.tuning), arena_starts()[START_OF_FIGURE], entries_for(options.laws)
     figure, panels, curves = new_grid(len(entries), 4, (15.0, 7.8))
     for index, (axes, entry) in enumerate(zip(panels, entries, strict=True)):
-        # The first law stands out, and a law after the last colour gets another line.
+        # The first law has a wider line. Laws after the last colour have a dashed line.
         colour, line, width = _COLOURS[index % len(_COLOURS)], ("-", "--")[index // len(_COLOURS) % 2], 1.4
         width = 2.4 if index == 0 else width
         paths = run_paths(entry, case, tuned_values(tuning, entry), start, RUNS_OF_FIGURE, options.seed)
@@ -187,7 +190,7 @@ def _draw_paths(axes: Any, paths: Array, colour: str) -> None:
 
 
 def _distributed(outcomes: Array) -> tuple[Array, ...]:
-    """Return the quantities that are drawn of outcomes (runs, 12), see batch.COLUMNS."""
+    """Return the quantities whose distributions are drawn, from outcomes (runs, 12) of batch.COLUMNS."""
     column = {name: outcomes[:, index] for index, name in enumerate(COLUMNS)}
     position = np.maximum(np.hypot(column["x"], column["y"]), 1e-4)
     return column["reached_time"], column["settling_time"], position, np.maximum(np.abs(column["theta"]), 1e-5)

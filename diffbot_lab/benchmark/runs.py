@@ -1,7 +1,7 @@
-"""Runs of all laws under equal conditions: ``diffbot benchmark switching``.
+"""Run all laws under equal conditions: ``diffbot benchmark switching``.
 
-Every law gets the same starts, the same noise (run i of each law gets the noise of (seed, i)), the same limits and the
-same data sheet. The peers were tuned with the same budget on other starts and other noise (:mod:`.tuning`).
+Every law has the same starts, the same noise (run i has the noise of (seed, i)), the same limits and the same data
+sheet. The peers were tuned with the same budget, on other starts and other noise (:mod:`.tuning`).
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from diffbot_lab.benchmark.entries import (
     BenchmarkLaw,
     config_of,
     entries_for,
+    is_run,
     read_tuning,
-    takes_part,
     tuned_values,
 )
 from diffbot_lab.benchmark.statistics import figures_of
@@ -36,23 +36,23 @@ Array = NDArray[np.float64]
 
 NOMINAL = "nominal"
 TRAINING_SEED = 1_000_003
-"""Seed of noise, starts and optimiser of the tuning; no comparison may use it."""
+"""Seed of noise, starts and optimiser of the tuning. No comparison may use this seed."""
 
 
 class BenchmarkOptions(NamedTuple):
     """Options of ``diffbot benchmark switching``."""
 
     runs: int
-    """of each of the 17 starts; the same number of runs in each case with random starts"""
+    """number of runs from each of the 17 starts; a case with random starts has 17 times as many runs"""
     seed: int
-    """of noise and random starts"""
+    """seed of noise and random starts"""
     laws: tuple[str, ...] = ()
-    """names of entries or ``package.module:Class``, beside this project's; none: all entries"""
+    """peers: names of entries or ``package.module:Class``; empty for all entries"""
     cases: tuple[str, ...] = ()
-    """names; none: all"""
+    """names of cases; empty for all cases"""
     tuning: Path = TUNING
     own_runs: int = 0
-    """of each start for this project's law, if more than ``runs``: its intervals are narrower"""
+    """number of runs from each start for this project's law if it exceeds ``runs``, for narrower intervals"""
 
     def runs_of(self, entry: BenchmarkLaw) -> int:
         """Return the number of runs of a law in a case."""
@@ -61,7 +61,7 @@ class BenchmarkOptions(NamedTuple):
 
 
 def case_of(entry: BenchmarkLaw, case: BenchmarkCase, tuned: Values) -> Case:
-    """Return what all runs of a law in a case share."""
+    """Return the simulation case of a law in a case of the benchmark."""
     plant, sensors, filter_config = cases.world_of(case)
     return make_case(
         Configuration(plant, sensors, config_of(entry, case, tuned), filter_config),
@@ -72,22 +72,22 @@ def case_of(entry: BenchmarkLaw, case: BenchmarkCase, tuned: Values) -> Case:
 
 
 def run_case(entry: BenchmarkLaw, case: BenchmarkCase, tuned: Values, count: int, seed: int, drawn: int = 0) -> Array:
-    """Return the outcomes (count, 12) of ``count`` runs; run i has the same start and noise under every law.
+    """Return the outcomes (count, 12) of runs. Run i has the same start and noise for every law.
 
     Args:
         entry: the law.
-        case: what is run.
-        tuned: its parameters that are not the entry's.
+        case: the case.
+        tuned: tuned values, which replace the values of the entry.
         count: number of runs.
-        seed: of noise and random starts.
-        drawn: number of random starts that are drawn, of which the first ``count`` are used; at least ``count``.
+        seed: seed of noise and random starts.
+        drawn: number of random starts to draw, at least ``count``. The runs use the first ``count`` starts.
     """
     starts = Starts(cases.starts_named(case.starts, max(count, drawn), seed)[:count])
     return run_batch(case_of(entry, case, tuned), starts, seed, 0, count, law=entry.law)
 
 
 def run_paths(entry: BenchmarkLaw, case: BenchmarkCase, tuned: Values, start: Array, count: int, seed: int) -> Array:
-    """Return histories (count, steps + 1, 12) of runs from one start (3,)."""
+    """Return the histories (count, steps + 1, 12) of runs from one start (3,)."""
     starts = Starts(start[np.newaxis])
     return run_histories(case_of(entry, case, tuned), starts, seed, 0, count, law=entry.law)
 
@@ -96,8 +96,8 @@ def run_benchmark(options: BenchmarkOptions) -> tuple[dict[str, Any], dict[str, 
     """Execute all runs, with a progress bar on a terminal.
 
     Returns:
-        The content of results.json without the list of peers that are ahead, and the outcomes of each law in the
-        nominal case by its name.
+        The content of results.json without the list of peers that are ahead, and the outcomes in the nominal case by
+        the name of the law.
 
     Raises:
         InvalidValueError: for fewer than one run, the seed of the training, an unknown law or case.
@@ -109,17 +109,17 @@ def run_benchmark(options: BenchmarkOptions) -> tuple[dict[str, Any], dict[str, 
     entries, chosen = entries_for(options.laws), cases.cases_named(options.cases)
     tuning = read_tuning(options.tuning)
     tuned = {entry.name: tuned_values(tuning, entry) for entry in entries}
-    pairs = [(case, entry) for case in chosen for entry in entries if takes_part(entry, case)]
-    for case, entry in pairs:  # all values are checked before the first run
-        config_of(entry, case, tuned[entry.name])
+    pairs = [(case, entry) for case in chosen for entry in entries if is_run(entry, case)]
+    for case, entry in pairs:
+        config_of(entry, case, tuned[entry.name])  # checks all values before the first run
     outcomes: dict[str, Array] = {}
     laws: dict[str, list[dict[str, Any]]] = {case.name: [] for case in chosen}
     for case, entry in tqdm(pairs, desc="benchmark", unit="law", disable=None):
         count, drawn = options.runs_of(entry), options.runs_of(entries[0])
-        found = run_case(entry, case, tuned[entry.name], count, options.seed, drawn)
+        result = run_case(entry, case, tuned[entry.name], count, options.seed, drawn)
         if case.name == NOMINAL:
-            outcomes[entry.name] = found
-        laws[case.name].append({"name": entry.name} | figures_of(found))
+            outcomes[entry.name] = result
+        laws[case.name].append({"name": entry.name} | figures_of(result))
     results = {
         "runs_of_each_start": options.runs,
         "own_runs_of_each_start": max(options.runs, options.own_runs),

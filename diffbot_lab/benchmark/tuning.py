@@ -1,7 +1,7 @@
-"""Tuning of the laws: each with the same number of evaluations of the same optimiser on the same training runs.
+"""Tune the laws, each with the same optimiser, number of evaluations and training runs.
 
-``diffbot benchmark tune`` writes tuning.json, which ``diffbot benchmark switching --tuning FILE`` reads. The laws are
-compared on other noise and other starts than those of the training.
+``diffbot benchmark tune`` writes tuning.json, which ``diffbot benchmark switching --tuning FILE`` reads. The training
+has other noise and other starts than the comparison.
 """
 
 from __future__ import annotations
@@ -28,18 +28,19 @@ Array = NDArray[np.float64]
 
 TRAINING_CASES = ("nominal", "dead_time_03", "dead_time_02_unknown", "acceleration", "mix")
 RUNS = 102
-"""of each case in an evaluation"""
+"""number of runs of each case in an evaluation"""
 POPULATION = 12
 _TIME, _LONG_TIME, _POSITION = 12.0, 14.0, 0.05
-"""[s], [s], [m] by which median, 99 % and 95 % of the position error are divided: a good law costs about 3."""
+"""[s], [s], [m] Scales of the median and the 99 % quantile of the settling time, and of the 95 % quantile of the
+position error. A good law has a cost of about 3."""
 _FAILURE, _SPIN = 20.0, 20.0
-"""Cost of the share of runs that do not settle, and of those that turn too much near the goal."""
+"""Weights of the share of runs that do not settle, and of the share that turn too much near the goal."""
 _MAX_TURNING = 1.5 * 2.0 * np.pi
-"""[rad]"""
+"""[rad] largest turning near the goal that has no cost"""
 
 
 def cost_of(outcomes: Array) -> float:
-    """Return the cost of one case's outcomes; a run that does not settle counts as one of the full duration."""
+    """Return the cost of the outcomes of one case. A run that does not settle has the full duration as its time."""
     column = {name: outcomes[:, index] for index, name in enumerate(COLUMNS)}
     time = np.nan_to_num(column["settling_time"], nan=DURATION)
     position = np.hypot(column["x"], column["y"])
@@ -53,7 +54,7 @@ def cost_of(outcomes: Array) -> float:
 def tune(entry: BenchmarkLaw, budget: int) -> dict[str, Any]:
     """Tune one law with differential evolution (R. Storn, K. Price, J. Global Optimization 11, 1997).
 
-    The law's own values are one member of the first population; the others are a Latin hypercube of its ranges.
+    The law's own values are one member of the first population. The other members are a Latin hypercube of its ranges.
 
     Returns:
         The best values, their cost, the cost of the law's own values, and the number of evaluations.
@@ -72,7 +73,7 @@ def tune(entry: BenchmarkLaw, budget: int) -> dict[str, Any]:
     own = np.clip([float(defaults[name]) for name in entry.space], low, high)
     sample = qmc.LatinHypercube(len(own), seed=TRAINING_SEED).random(POPULATION - 1)
     with tqdm(total=budget, desc=entry.name, unit="evaluation", disable=None) as bar:
-        found = differential_evolution(
+        best = differential_evolution(
             evaluate,
             list(zip(low, high, strict=True)),
             init=np.vstack([own, low + sample * (high - low)]),
@@ -82,7 +83,7 @@ def tune(entry: BenchmarkLaw, budget: int) -> dict[str, Any]:
             polish=False,
             seed=TRAINING_SEED,
         )
-    values, cost = _values(entry, found.x), float(found.fun)
+    values, cost = _values(entry, best.x), float(best.fun)
     return {"values": values, "cost": cost, "untuned_cost": costs[0], "evaluations": len(costs)}
 
 
@@ -91,13 +92,13 @@ def _values(entry: BenchmarkLaw, x: Array) -> dict[str, float]:
 
 
 def tune_all(entries: tuple[BenchmarkLaw, ...], budget: int) -> dict[str, Any]:
-    """Tune every law that has parameters to tune; return the content of tuning.json.
+    """Tune every law that has parameters to tune. Return the content of tuning.json.
 
     Raises:
         InvalidValueError: for a budget below one population.
     """
     if budget < POPULATION:
-        raise InvalidValueError("budget", budget, f">= {POPULATION}, one population")
+        raise InvalidValueError("budget", budget, f">= {POPULATION}, the size of one population")
     return {
         "optimiser": f"scipy {version('scipy')} differential_evolution, population {POPULATION}",
         "seed": TRAINING_SEED,
@@ -109,7 +110,7 @@ def tune_all(entries: tuple[BenchmarkLaw, ...], budget: int) -> dict[str, Any]:
 
 
 def run_and_report(places: tuple[str, ...], budget: int, folder: Path) -> int:
-    """Tune, write tuning.json to ``folder``, and print the gain of each law.
+    """Tune the laws, write tuning.json to ``folder``, and print the cost of each law before and after.
 
     Raises:
         DiffbotError: if the folder cannot be written or a value is not allowed.

@@ -1,4 +1,4 @@
-"""Parts that the laws of this package share: base class, memory, situation, braking, limits, the turn at the end."""
+"""Parts that the laws of this package share: base class, memory, situation, braking, limits, and the final turn."""
 
 from __future__ import annotations
 
@@ -19,72 +19,72 @@ from diffbot_core.schema import Spec
 from diffbot_core.uncertainty import Uncertainty
 
 ROTATING, DRIVING, FINISHING, REACHED = 0, 1, 2, 3
-"""Phases: turning towards the goal, driving there, turning to the goal's heading, holding still."""
+"""Phases: turning towards the goal, driving to the goal, turning to the goal's heading, standing still."""
 _BRAKE_SHARE, _TURN_SHARE = 0.9, 0.7
-"""of the acceleration limits: the profiles brake with less, so that the limits bind at the start only"""
+"""Shares of the acceleration limits with which the profiles brake, so that the limits apply at the start only."""
 _BRAKE_TIME = 0.1
 """[s] reaction time of braking before the goal"""
 STOP = Twist(0.0, 0.0)
 
 
 class Stop(NamedTuple):
-    """Errors of the estimate within which a law stands still; the goal checker decides when the goal is reached."""
+    """Errors of the estimate within which a law stands still. The goal checker decides when the goal is reached."""
 
-    stop_distance: Annotated[float, Spec("the robot goes no nearer than this distance", "m", 0.0, 1.0)] = 0.035
-    stop_angle: Annotated[float, Spec("the robot turns no further than to this error", "rad", 0.0, 1.0)] = 0.025
+    stop_distance: Annotated[float, Spec("distance to the goal at which the drive ends", "m", 0.0, 1.0)] = 0.035
+    stop_angle: Annotated[float, Spec("heading error at which the final turn ends", "rad", 0.0, 1.0)] = 0.025
 
 
 class Turning(NamedTuple):
-    """Turns on the spot: the largest rate that stops within the angle left, after a reaction time."""
+    """Profile of turns on the spot: the largest rate from which the robot stops within the remaining angle."""
 
     turn_brake: Annotated[float, Spec("angular deceleration of turns", "rad/s^2", 0.1, 100.0)] = 8.0
     turn_time: Annotated[float, Spec("reaction time of turns, 1 / gain near the end", "s", 0.01, 5.0)] = 0.4
 
 
 class PeerState(NamedTuple):
-    """State of a law from step to step; each law uses the fields that it needs."""
+    """State of a law between steps. Each law uses the fields that it needs."""
 
     phase: int
     direction: float
     """1 forwards, -1 backwards, 0 not chosen yet"""
     value: float
-    """of the law's own"""
+    """number whose meaning each law defines"""
 
 
 class LawMemory(NamedTuple):
-    """Memory of a law of this room."""
+    """Memory of a law of this package."""
 
     state: Any
-    """a :class:`PeerState`, or what a law keeps instead"""
+    """a :class:`PeerState`, or another state that the law defines"""
     actuation: Actuation
-    """commands under way"""
+    """commands that have not taken effect yet"""
     command: Twist
-    """the last one"""
+    """last command"""
     settling: Settling
     reached: bool
 
 
 class Situation(NamedTuple):
-    """Situation in which a law decides, in the goal's frame."""
+    """Inputs of a law's decision, in the goal's frame."""
 
     pose: Pose
-    """estimate, coasted over latency and lag"""
+    """estimated pose, coasted over latency and lag"""
     uncertainty: Uncertainty
     navigation: Navigation
     actuation: Actuation
     last: Twist
     """command of the last step"""
     settling: Settling
-    """of the last step"""
+    """settling after the last step"""
     dt: float
-    """[s] since the last step"""
+    """[s] time since the last step"""
 
 
 _NEW = PeerState(ROTATING, 0.0, 0.0)
 
 
 def new_law_memory(state: Any = _NEW) -> LawMemory:
-    """Return the memory at rest with a new goal."""
+    """Return the memory of a robot at rest with a new goal."""
     return LawMemory(state, resting_actuation(), Twist(0.0, 0.0), Settling(0, False), False)
 
 
@@ -108,9 +108,9 @@ def conclude(
     sheet: DataSheet,
     region: int = OMEGA_G,
 ) -> tuple[LawMemory, Twist, Report]:
-    """Bring a requested command within the data sheet; return memory, command and report.
+    """Limit a requested command to the data sheet. Return memory, command and report.
 
-    The goal is reached by the rule of this project's own law, :func:`diffbot_control.law.goal_checker.within`.
+    The goal checker of this project's own law decides when the goal is reached.
     """
     command = lifted_command(limit_velocity(requested, sheet), sheet)
     command = limit_change(command, situation.last, situation.dt, sheet)
@@ -124,20 +124,20 @@ def conclude(
 
 
 def approach_speed(distance: float, sheet: DataSheet) -> float:
-    """Return the speed [m/s] from which the robot can stop within ``distance`` [m]; inf without a limit."""
+    """Return the speed [m/s] from which the robot can stop within ``distance`` [m]; inf if a_max = inf."""
     if sheet.a_max == math.inf:
         return math.inf
     return braking(distance, _BRAKE_SHARE * sheet.a_max, _BRAKE_TIME)
 
 
 def turn_rate(angle: float, turning: Turning, sheet: DataSheet) -> float:
-    """Return the rate [rad/s] with which to turn by ``angle`` [rad], still to go."""
+    """Return the rate [rad/s] of a turn whose remaining angle is ``angle`` [rad]."""
     brake = min(turning.turn_brake, _TURN_SHARE * sheet.omega_dot_max)
     return math.copysign(min(sheet.omega_max, braking(abs(angle), brake, turning.turn_time)), angle)
 
 
 def final_turn(state: PeerState, theta: float, config: Any) -> tuple[PeerState, Twist]:
-    """Turn to the goal's heading, then stand still for good; ``config`` has a stop, a turning and a data sheet."""
+    """Turn to the goal's heading, then stand still. ``config`` has the fields stop, turning and data_sheet."""
     if state.phase == REACHED or abs(theta) < config.stop.stop_angle:
         return PeerState(REACHED, state.direction, state.value), STOP
     omega = -turn_rate(theta, config.turning, config.data_sheet)
@@ -145,19 +145,19 @@ def final_turn(state: PeerState, theta: float, config: Any) -> tuple[PeerState, 
 
 
 def bearing(navigation: Navigation, direction: float) -> float:
-    """Return the bearing [rad] of the goal from the end of the robot that leads."""
+    """Return the bearing [rad] of the goal from the leading end of the robot."""
     return navigation.alpha if direction > 0.0 else wrap_angle(navigation.alpha - math.pi)
 
 
-def chosen_direction(navigation: Navigation) -> float:
-    """Return 1 or -1, the direction of travel with less turning at the start and at the goal."""
+def choose_direction(navigation: Navigation) -> float:
+    """Return the direction of travel, 1 or -1, that needs less turning at the start and at the goal."""
     forwards = abs(navigation.alpha) + abs(navigation.beta)
     backwards = abs(wrap_angle(navigation.alpha - math.pi)) + abs(wrap_angle(navigation.beta - math.pi))
     return 1.0 if forwards <= backwards else -1.0
 
 
 def step_of(decide: Callable[[Any, Situation, Any], tuple[Any, Twist]]) -> Any:
-    """Return the function ``Law.step`` of a law that only decides on the next state and the requested command."""
+    """Return the function ``Law.step`` of a law whose function ``decide`` gives the next state and the request."""
 
     def step(memory: LawMemory, observation: Observation, goal: Pose, config: Any) -> tuple[LawMemory, Twist, Report]:
         """Answer one pose, see :meth:`diffbot_control.law.law.Law.step`."""
@@ -165,13 +165,13 @@ def step_of(decide: Callable[[Any, Situation, Any], tuple[Any, Twist]]) -> Any:
         state, requested = decide(memory.state, now, config)
         return conclude(state, requested, now, config.tolerance, config.data_sheet)
 
-    # numba takes functions of the same name for one another.
+    # Functions with the same name would share an entry in numba's cache.
     step.__qualname__ = f"step_of_{decide.__name__}"
     return step
 
 
 class PeerLaw(Law):
-    """Base of the laws that begin with a new :class:`LawMemory`."""
+    """Base class of the laws whose memory is a :class:`LawMemory` with a :class:`PeerState`."""
 
     @staticmethod
     def new_memory(config: Any) -> LawMemory:

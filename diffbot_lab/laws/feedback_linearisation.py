@@ -1,4 +1,4 @@
-"""Dynamic feedback linearisation to the goal, with the switching law's Omega_L at its end."""
+"""Dynamic feedback linearisation, with the switching law's Omega_L near the goal."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from diffbot_core.kinematics import Twist
 from diffbot_core.schema import Spec
 from diffbot_lab.laws import common
 
-_START_SPEED, _LEAST_SPEED = 0.15, 0.05
-"""[m/s] of the integrator: the linearisation is singular at rest"""
+_START_SPEED, _MIN_SPEED = 0.15, 0.05
+"""[m/s] Initial and smallest speed of the integrator. The linearisation is singular at rest."""
 _LEAVING = 0.4
-"""[m] Omega_L is left beyond this distance"""
+"""[m] distance beyond which the law leaves Omega_L"""
 _SPEED_SHARE, _BRAKE_SHARE = 0.97, 0.9
-"""of the bounds of speed and acceleration that the linear law asks for"""
+"""Shares of the limits of speed and acceleration that the linear system uses."""
 
 
 class FeedbackLinearisationConfig(NamedTuple):
-    """Gains of the linear system, and Omega_L."""
+    """Gains of the linear system, and parameters of Omega_L."""
 
     k_p: Annotated[float, Spec("proportional gain of the linear system", "1/s^2", 0.01, 20.0)] = 1.5
     damping: Annotated[float, Spec("damping ratio of the linear system", "-", 1.001, 5.0)] = 1.02
-    along_max: Annotated[float, Spec("bound of the acceleration along the path", "m/s^2", 0.05, 50.0)] = 0.93
+    along_max: Annotated[float, Spec("limit of the acceleration along the path", "m/s^2", 0.05, 50.0)] = 0.93
     region_sigmas: Annotated[float, Spec("standard deviations of the position that Omega_L covers", "-", 0.0, 10.0)] = (
         1.2
     )
-    region_min: Annotated[float, Spec("least radius of Omega_L", "m", 0.0, 1.0)] = 0.04
+    region_min: Annotated[float, Spec("smallest radius of Omega_L", "m", 0.0, 1.0)] = 0.04
     near_slope: Annotated[float, Spec("speed per distance in Omega_L", "1/s", 0.0, 20.0)] = 2.3
     turning: common.Turning = common.Turning(6.9, 0.25)
     stop: common.Stop = common.Stop(0.05, 0.05)
@@ -43,7 +43,7 @@ class FeedbackLinearisationConfig(NamedTuple):
 def feedback_linearisation(
     state: common.PeerState, now: common.Situation, config: FeedbackLinearisationConfig
 ) -> tuple[common.PeerState, Twist]:
-    """Return the next state, its value the speed of the integrator, and the requested command.
+    """Return the next state, whose value is the speed of the integrator, and the requested command.
 
     Source: G. Oriolo, A. De Luca, M. Vendittelli, "WMR control via dynamic feedback linearization", IEEE Transactions
     on Control Systems Technology 10 (2002), posture regulation; law (17) of the paper inside Omega_L.
@@ -54,27 +54,27 @@ def feedback_linearisation(
     if not local and rho < max(config.region_min, config.region_sigmas * now.uncertainty.xy):
         local = True
     elif direction == 0.0 or (local and rho > _LEAVING):
-        local, direction = False, common.chosen_direction(now.navigation)
+        local, direction = False, common.choose_direction(now.navigation)
         speed = direction * _START_SPEED
     if local:
         return _in_region(state, now, config)
     along, across = _acceleration(now.pose, speed, config)
     speed = min(max(speed + now.dt * along, -config.data_sheet.v_max), config.data_sheet.v_max)
-    if abs(speed) < _LEAST_SPEED:
-        speed = math.copysign(_LEAST_SPEED, direction)
+    if abs(speed) < _MIN_SPEED:
+        speed = math.copysign(_MIN_SPEED, direction)
     limit = config.data_sheet.omega_max
     requested = limit_velocity(Twist(speed, min(max(across / speed, -limit), limit)), config.data_sheet)
-    if abs(requested.v) >= _LEAST_SPEED:
+    if abs(requested.v) >= _MIN_SPEED:
         speed = requested.v
     return common.PeerState(common.DRIVING, direction, speed), requested
 
 
 def _acceleration(pose: Pose, speed: float, config: FeedbackLinearisationConfig) -> tuple[float, float]:
-    """Acceleration [m/s^2] that the linear system asks for, along the robot and across."""
+    """Return the accelerations [m/s^2] of the linear system, along the robot and across."""
     sheet = config.data_sheet
     c, s = math.cos(pose.theta), math.sin(pose.theta)
     k_d = 2.0 * config.damping * math.sqrt(config.k_p)
-    # A saturated error of position: the linear system goes no faster than v_max.
+    # Saturate the position error so that the linear system does not exceed v_max.
     rho = max(math.hypot(pose.x, pose.y), 1e-9)
     k_p = config.k_p * min(1.0, _SPEED_SHARE * sheet.v_max * k_d / (config.k_p * rho))
     a_x = -k_p * pose.x - k_d * speed * c

@@ -1,4 +1,4 @@
-"""The smooth law of Park and Kuipers with rotations in place and finish as in Nav2's graceful controller."""
+"""The smooth law of Park and Kuipers, with the turns on the spot and the finish of Nav2's graceful controller."""
 
 from __future__ import annotations
 
@@ -13,25 +13,27 @@ from diffbot_core.schema import Spec
 from diffbot_lab.laws import common
 
 _NEAR = 1e-9
-"""[m] below it a curvature 1 / r is taken at this distance"""
+"""[m] smallest distance in the curvature, which is proportional to 1 / r"""
 
 
 class GracefulConfig(NamedTuple):
-    """Parameters under their names in Nav2's parameter_handler.cpp (github.com/ros-navigation/navigation2).
+    """Parameters, with the names of Nav2's parameter_handler.cpp (github.com/ros-navigation/navigation2).
 
-    It heads for the goal itself, forwards or backwards, brakes and turns within the data sheet, and looks ahead over
-    latencies. Nav2's controller as it is: :mod:`diffbot_lab.laws.nav2_graceful`.
+    The law drives directly to the goal, forwards or backwards. It brakes and turns within the data sheet, and predicts
+    over latencies. The module :mod:`diffbot_lab.laws.nav2_graceful` contains Nav2's unchanged controller.
     """
 
-    prefer_final_rotation: Annotated[bool, Spec("head for the goal and turn at the end, or drive to the pose")] = True
-    v_linear_max: Annotated[float, Spec("bound of the speed", "m/s", 0.01, 10.0)] = 1.3
-    v_linear_min: Annotated[float, Spec("least speed", "m/s", 0.0, 1.0)] = 0.025
+    prefer_final_rotation: Annotated[bool, Spec("drive to the position and turn there; false: to the pose")] = True
+    v_linear_max: Annotated[float, Spec("largest speed", "m/s", 0.01, 10.0)] = 1.3
+    v_linear_min: Annotated[float, Spec("smallest speed", "m/s", 0.0, 1.0)] = 0.025
     k_phi: Annotated[float, Spec("k_1 of Park and Kuipers", "-", 0.0, 20.0)] = 0.5
     k_delta: Annotated[float, Spec("k_2 of Park and Kuipers", "-", 0.0, 20.0)] = 2.1
     beta: Annotated[float, Spec("weight of the curvature in the speed", "m^lambda", 0.0, 10.0)] = 0.24
     lambda_: Annotated[float, Spec("exponent of the curvature in the speed", "-", 0.5, 5.0, parameter="lambda")] = 1.8
-    slowdown_radius: Annotated[float, Spec("the speed falls in proportion below this distance", "m", 0.05, 10.0)] = 1.5
-    initial_rotation_tolerance: Annotated[float, Spec("the first turn ends below this bearing", "rad", 0.01, 3.2)] = 0.9
+    slowdown_radius: Annotated[float, Spec("distance below which the speed is proportional to it", "m", 0.05, 10.0)] = (
+        1.5
+    )
+    initial_rotation_tolerance: Annotated[float, Spec("bearing at which the first turn ends", "rad", 0.01, 3.2)] = 0.9
     turning: common.Turning = common.Turning(5.7, 0.48)
     stop: common.Stop = common.Stop(0.02, 0.012)
     tolerance: GoalTolerance = GoalTolerance()
@@ -39,7 +41,7 @@ class GracefulConfig(NamedTuple):
 
 
 def graceful_curvature(r: float, phi: float, delta: float, k_phi: float, k_delta: float) -> float:
-    """Curvature [1/m] that brings the heading onto the manifold delta = atan(-k_phi phi), and along it to the target.
+    """Return the curvature [1/m] that leads to the manifold delta = atan(-k_phi phi), and along it to the target.
 
     Source: J. J. Park and B. Kuipers, "A smooth control law for graceful motion of differential wheeled mobile robots
     in 2D environment", ICRA 2011, Eq. (13) with omega = curvature v.
@@ -48,8 +50,8 @@ def graceful_curvature(r: float, phi: float, delta: float, k_phi: float, k_delta
         r: [m] distance of the target.
         phi: [rad] heading of the target relative to the line of sight.
         delta: [rad] heading of the robot relative to the line of sight.
-        k_phi: [-] k_1 there.
-        k_delta: [-] k_2 there.
+        k_phi: [-] k_1 of the source.
+        k_delta: [-] k_2 of the source.
     """
     fast = k_delta * (delta + math.atan(k_phi * phi))
     along = (1.0 + k_phi / (1.0 + (k_phi * phi) ** 2)) * math.sin(delta)
@@ -59,7 +61,7 @@ def graceful_curvature(r: float, phi: float, delta: float, k_phi: float, k_delta
 def graceful_slowdown(
     r: float, curvature: float, v_max: float, beta: float, lambda_: float, slowdown_radius: float
 ) -> float:
-    """Speed [m/s] for a curvature [1/m] at distance ``r`` [m] of the target, without a least speed.
+    """Return the speed [m/s] for a curvature [1/m] at distance ``r`` [m] of the target, without a smallest speed.
 
     Source: Park and Kuipers, ICRA 2011, Eq. (15), v = v_max / (1 + beta |curvature|^lambda); slowing down near the
     target: Nav2's smooth_control_law.cpp.
@@ -69,7 +71,7 @@ def graceful_slowdown(
 
 
 def graceful_speed(r: float, curvature: float, config: GracefulConfig) -> float:
-    """Speed [m/s] as in Nav2 (:func:`graceful_slowdown`, then a least speed), and slow enough to brake in time."""
+    """Return Nav2's speed [m/s] (:func:`graceful_slowdown` and a smallest speed), reduced to brake in time."""
     v_max = min(config.v_linear_max, config.data_sheet.v_max)
     v = graceful_slowdown(r, curvature, v_max, config.beta, config.lambda_, config.slowdown_radius)
     return min(max(min(v, common.approach_speed(r, config.data_sheet)), config.v_linear_min), v_max)
@@ -79,7 +81,7 @@ def graceful(state: common.PeerState, now: common.Situation, config: GracefulCon
     """Return the next state and the requested command."""
     sheet = config.data_sheet
     rho, _, beta = now.navigation
-    direction = state.direction if state.direction != 0.0 else common.chosen_direction(now.navigation)
+    direction = state.direction if state.direction != 0.0 else common.choose_direction(now.navigation)
     if state.phase >= common.FINISHING or rho < config.stop.stop_distance:
         finishing = common.PeerState(max(state.phase, common.FINISHING), direction, 0.0)
         return common.final_turn(finishing, now.pose.theta, config)
@@ -88,7 +90,7 @@ def graceful(state: common.PeerState, now: common.Situation, config: GracefulCon
         return common.PeerState(common.ROTATING, direction, 0.0), Twist(
             0.0, common.turn_rate(angle, config.turning, sheet)
         )
-    # Backwards the robot is one that faces the other way, and so does its goal.
+    # A robot that drives backwards is treated as a robot that faces the other way, and its goal is turned as well.
     half_turn = 0.0 if direction > 0.0 else math.pi
     phi = 0.0 if config.prefer_final_rotation else wrap_angle(half_turn - beta)
     curvature = graceful_curvature(rho, phi, -angle, config.k_phi, config.k_delta)
@@ -97,7 +99,7 @@ def graceful(state: common.PeerState, now: common.Situation, config: GracefulCon
 
 
 class Graceful(common.PeerLaw):
-    """J. J. Park, B. Kuipers, ICRA 2011, as used by Nav2's graceful controller."""
+    """J. J. Park, B. Kuipers, ICRA 2011, as in Nav2's graceful controller."""
 
     name = "graceful"
     Config = GracefulConfig

@@ -1,9 +1,12 @@
-"""Nav2's docking server as a law: to a staging pose, then by the graceful law to the dock; defaults of release Jazzy.
+"""Nav2's docking server as a law, with the defaults of release Jazzy.
+
+The robot drives to a staging pose, then by the graceful law to the dock. Poses and goal are in the dock's frame, as in
+:mod:`diffbot_control.law.docking`.
 
 Source: github.com/ros-navigation/navigation2, nav2_docking: approachDock and its retries in docking_server.cpp, gains
-and speeds in controller.cpp. As in :mod:`diffbot_control.law.docking`, poses and goal are in the dock's frame. Three
-things are in favour of this peer: it drives to the staging pose by this project's switching law, it has the estimate of
-a filter instead of a smoothed detection, so that no try fails for a lost one, and it presses on to contact.
+and speeds in controller.cpp. Three differences help this peer. It drives to the staging pose by this project's
+switching law. It uses the estimate of a filter instead of a smoothed detection, so a lost detection does not end an
+approach. It presses on until contact.
 """
 
 from __future__ import annotations
@@ -24,69 +27,76 @@ from diffbot_lab.laws.common import STOP, LawMemory, conclude, new_law_memory, s
 from diffbot_lab.laws.nav2_graceful import smooth_velocity
 
 UNDECIDED, STAGING, APPROACHING, PRESSING, ENDED = 0, 1, 2, 3, 4
-"""Phases: before the first pose, to the staging pose, by the graceful law, straight on to contact, at rest for good."""
+"""Phases: before the first pose, driving to the staging pose, driving by the graceful law, driving straight on until
+contact, at rest."""
 
 
 class Nav2DockingConfig(NamedTuple):
-    """Parameters and defaults of the docking server, Jazzy; ``drive`` is the law that drives to the staging pose.
+    """Parameters and defaults of the docking server, Jazzy. ``drive`` configures the drive to the staging pose.
 
-    Nav2 holds the robot docked within ``docking_threshold``; here it drives straight on from there, at the least speed,
-    until the estimate is ``press_distance`` beyond the docked pose.
+    Nav2 considers the robot docked within ``docking_threshold``. Here the robot drives straight on from there at the
+    smallest speed, until the estimate is ``press_distance`` beyond the docked pose.
     """
 
     dock_backward: Annotated[bool, Spec("the back of the robot docks")] = False
-    staging_distance: Annotated[float, Spec("distance of the staging pose from the docked one", "m", 0.05, 10.0)] = 0.7
-    dock_prestaging_tolerance: Annotated[float, Spec("no staging within this distance", "m", 0.0, 10.0)] = 0.5
+    staging_distance: Annotated[float, Spec("distance of the staging pose from the docked pose", "m", 0.05, 10.0)] = 0.7
+    dock_prestaging_tolerance: Annotated[
+        float, Spec("distance from the staging pose within which the robot skips it", "m", 0.0, 10.0)
+    ] = 0.5
     docking_threshold: Annotated[float, Spec("distance within which the robot is docked", "m", 0.0, 1.0)] = 0.05
-    dock_approach_timeout: Annotated[float, Spec("an approach may take so long", "s", 0.1, 3600.0)] = 30.0
-    max_retries: Annotated[int, Spec("approaches after the first one", minimum=0, maximum=100)] = 3
-    press_distance: Annotated[float, Spec("how far beyond the docked pose it drives on", "m", 0.0, 1.0)] = 0.03
+    dock_approach_timeout: Annotated[float, Spec("largest duration of an approach", "s", 0.1, 3600.0)] = 30.0
+    max_retries: Annotated[int, Spec("largest number of further approaches", minimum=0, maximum=100)] = 3
+    press_distance: Annotated[
+        float, Spec("distance beyond the docked pose at which the robot stops", "m", 0.0, 1.0)
+    ] = 0.03
     k_phi: Annotated[float, Spec("k_1 of Park and Kuipers", "-", 0.0, 20.0)] = 3.0
     k_delta: Annotated[float, Spec("k_2 of Park and Kuipers", "-", 0.0, 20.0)] = 2.0
     beta: Annotated[float, Spec("weight of the curvature in the speed", "m^lambda", 0.0, 10.0)] = 0.4
     lambda_: Annotated[float, Spec("exponent of the curvature in the speed", "-", 0.5, 5.0, parameter="lambda")] = 2.0
-    v_linear_min: Annotated[float, Spec("least speed", "m/s", 0.0, 1.0)] = 0.1
-    v_linear_max: Annotated[float, Spec("bound of the speed", "m/s", 0.01, 10.0)] = 0.25
-    v_angular_max: Annotated[float, Spec("bound of the turn rate", "rad/s", 0.01, 20.0)] = 0.75
-    slowdown_radius: Annotated[float, Spec("the speed falls in proportion below this distance", "m", 0.05, 10.0)] = 0.25
+    v_linear_min: Annotated[float, Spec("smallest speed", "m/s", 0.0, 1.0)] = 0.1
+    v_linear_max: Annotated[float, Spec("largest speed", "m/s", 0.01, 10.0)] = 0.25
+    v_angular_max: Annotated[float, Spec("largest turn rate", "rad/s", 0.01, 20.0)] = 0.75
+    slowdown_radius: Annotated[float, Spec("distance below which the speed is proportional to it", "m", 0.05, 10.0)] = (
+        0.25
+    )
     drive: SwitchingConfig = SwitchingConfig()
 
 
-class Docker(NamedTuple):
-    """State of the law from step to step."""
+class DockingState(NamedTuple):
+    """State of the law between steps."""
 
     phase: int
-    tries: int
-    """approaches that took too long"""
+    retries: int
+    """number of approaches that exceeded the timeout"""
     age: float
-    """[s] of the approach"""
+    """[s] duration of the approach so far"""
     drive: SwitchingMemory
-    """of the law that drives to the staging pose"""
+    """memory of the drive to the staging pose"""
 
 
 def approach(lead: Pose, config: Nav2DockingConfig) -> Twist:
-    """Return the command of the graceful law towards the dock, of the end that leads, at its pose before the dock."""
+    """Return the command of the graceful law to the dock at a pose of the leading end."""
     dock = into_frame(Pose(0.0, 0.0, 0.0), lead)
     return smooth_velocity(dock.x, dock.y, dock.theta, config)
 
 
-def next_docker(docker: Docker, lead: Pose, dt: float, config: Nav2DockingConfig) -> Docker:
-    """Return the memory with the phase at a pose of the end that leads."""
-    phase, tries, age = docker.phase, docker.tries, docker.age
+def next_state(state: DockingState, lead: Pose, dt: float, config: Nav2DockingConfig) -> DockingState:
+    """Return the state with the phase at a pose of the leading end."""
+    phase, retries, age = state.phase, state.retries, state.age
     if phase == UNDECIDED:
         is_near = math.hypot(lead.x + config.staging_distance, lead.y) < config.dock_prestaging_tolerance
         phase = APPROACHING if is_near else STAGING
-    elif phase == STAGING and docker.drive.reached:
+    elif phase == STAGING and state.drive.reached:
         phase, age = APPROACHING, 0.0
     elif phase == APPROACHING:
         age += dt
         if math.hypot(lead.x, lead.y) < config.docking_threshold:
             phase = PRESSING
         elif age > config.dock_approach_timeout:
-            phase, tries = (ENDED if tries >= config.max_retries else STAGING), tries + 1
+            phase, retries = (ENDED if retries >= config.max_retries else STAGING), retries + 1
     elif phase == PRESSING and lead.x >= config.press_distance:
         phase = ENDED
-    return Docker(phase, tries, age, docker.drive)
+    return DockingState(phase, retries, age, state.drive)
 
 
 class Nav2Docking(StagingLaw):
@@ -98,33 +108,33 @@ class Nav2Docking(StagingLaw):
     @staticmethod
     def new_memory(config: Any) -> LawMemory:
         """Return the memory of a robot at rest with a new goal."""
-        return new_law_memory(Docker(UNDECIDED, 0, 0.0, new_memory()))
+        return new_law_memory(DockingState(UNDECIDED, 0, 0.0, new_memory()))
 
     @staticmethod
     def step(
         memory: LawMemory, observation: Observation, goal: Pose, config: Nav2DockingConfig
     ) -> tuple[LawMemory, Twist, Report]:
-        """Answer one pose. The approach does not look ahead over latencies; commands are kept within the data sheet."""
+        """Answer one pose, within the data sheet. The approach does not predict over latencies."""
         sign = -1.0 if config.dock_backward else 1.0
         estimate, dt = observation.estimate, observation.dt
         pose = into_frame(estimate.pose, goal)
-        # The pose of the leading end: a robot that docks with its back is seen in the frame turned round.
+        # A robot that docks with its back has the pose of its leading end in the dock's frame turned by pi.
         lead = Pose(sign * pose.x, sign * pose.y, pose.theta)
         now = situation_of(memory, observation, goal, config.drive.data_sheet)
-        docker = next_docker(memory.state, lead, dt, config)
-        if docker.phase == STAGING:
-            begun = docker.drive
+        state = next_state(memory.state, lead, dt, config)
+        if state.phase == STAGING:
+            drive = state.drive
             if memory.state.phase != STAGING:
-                begun = with_motion(new_memory(), memory.command, memory.actuation)
+                drive = with_motion(new_memory(), memory.command, memory.actuation)
             staging = Pose(-sign * config.staging_distance, 0.0, 0.0)
-            seen = Observation(Estimate(pose, estimate.uncertainty), dt, observation.period, observation.contact)
-            drive, command, report = switching_step(begun, seen, staging, config.drive)
-            state = Docker(STAGING, docker.tries, 0.0, drive)
+            local = Observation(Estimate(pose, estimate.uncertainty), dt, observation.period, observation.contact)
+            drive, command, report = switching_step(drive, local, staging, config.drive)
+            state = DockingState(STAGING, state.retries, 0.0, drive)
             return LawMemory(state, drive.actuation, command, memory.settling, False), command, report
         requested = STOP
-        if docker.phase == APPROACHING:
+        if state.phase == APPROACHING:
             requested = approach(lead, config)
-        elif docker.phase == PRESSING:
+        elif state.phase == PRESSING:
             requested = Twist(config.v_linear_min, 0.0)
-        along = Twist(sign * requested.v, requested.omega)
-        return conclude(docker, along, now, config.drive.tolerance, config.drive.data_sheet)
+        signed = Twist(sign * requested.v, requested.omega)
+        return conclude(state, signed, now, config.drive.tolerance, config.drive.data_sheet)

@@ -13,26 +13,28 @@ from diffbot_core.schema import Spec
 from diffbot_lab.laws import common
 
 _PAST_GOAL = 0.05
-"""[m] beyond the goal, along the line, at which the drive ends"""
+"""[m] distance beyond the goal, along the line, at which the drive ends"""
 _MIN_SQUARE = 0.02
-"""[m^2] least square of the carrot's distance in a curvature"""
+"""[m^2] smallest squared distance of the carrot in the curvature"""
 _MAX_LOOKAHEAD = 3.0
 """[m]"""
 
 
 class PurePursuitConfig(NamedTuple):
-    """Parameters in the sense of Nav2's regulated pure pursuit controller and rotation shim."""
+    """Parameters, with the names of Nav2's regulated pure pursuit controller and rotation shim."""
 
     turning: common.Turning = common.Turning(8.6, 0.45)
     stop: common.Stop = common.Stop(0.044, 0.023)
-    lookahead_time: Annotated[float, Spec("lookahead distance per speed", "s", 0.05, 10.0)] = 2.0
-    min_lookahead_dist: Annotated[float, Spec("least lookahead distance", "m", 0.05, 5.0)] = 0.57
-    approach_velocity_scaling_dist: Annotated[float, Spec("the speed falls below this distance", "m", 0.05, 5.0)] = 1.5
-    min_approach_linear_velocity: Annotated[float, Spec("least speed of the approach", "m/s", 0.0, 1.0)] = 0.12
+    lookahead_time: Annotated[float, Spec("lookahead distance divided by the speed", "s", 0.05, 10.0)] = 2.0
+    min_lookahead_dist: Annotated[float, Spec("smallest lookahead distance", "m", 0.05, 5.0)] = 0.57
+    approach_velocity_scaling_dist: Annotated[
+        float, Spec("distance below which the speed is proportional to it", "m", 0.05, 5.0)
+    ] = 1.5
+    min_approach_linear_velocity: Annotated[float, Spec("smallest speed of the approach", "m/s", 0.0, 1.0)] = 0.12
     regulated_linear_scaling_min_radius: Annotated[
-        float, Spec("the speed falls in curves of a smaller radius", "m", 0.01, 10.0)
+        float, Spec("radius below which curves reduce the speed", "m", 0.01, 10.0)
     ] = 0.1
-    angular_dist_threshold: Annotated[float, Spec("bearing at which the rotation shim ends", "rad", 0.01, 3.2)] = 0.63
+    angular_dist_threshold: Annotated[float, Spec("bearing at which the first turn ends", "rad", 0.01, 3.2)] = 0.63
     tolerance: GoalTolerance = GoalTolerance()
     data_sheet: DataSheet = DataSheet()
 
@@ -40,16 +42,16 @@ class PurePursuitConfig(NamedTuple):
 def pure_pursuit(
     state: common.PeerState, now: common.Situation, config: PurePursuitConfig
 ) -> tuple[common.PeerState, Twist]:
-    """Return the next state, its value the direction [rad] of the line, and the requested command.
+    """Return the next state, whose value is the direction [rad] of the line, and the requested command.
 
     Source: S. Macenski, S. Singh, F. Martin, J. Gines, "Regulated pure pursuit for robot path tracking", Autonomous
-    Robots 47 (2023); rotation: Nav2's rotation shim controller. The path is the straight line from the first pose.
+    Robots 47 (2023). The first turn is Nav2's rotation shim controller. The path is the line from the first pose.
     """
     sheet = config.data_sheet
     rho, _, beta = now.navigation
     direction, line = state.direction, state.value
     if direction == 0.0:
-        direction, line = common.chosen_direction(now.navigation), beta
+        direction, line = common.choose_direction(now.navigation), beta
     if state.phase >= common.FINISHING:
         return common.final_turn(state, now.pose.theta, config)
     angle = common.bearing(now.navigation, direction)
@@ -69,7 +71,7 @@ def pure_pursuit(
 
 
 def _regulated_speed(rho: float, curvature: float, config: PurePursuitConfig) -> float:
-    """Speed [m/s] at a curvature [1/m] and distance ``rho`` [m]."""
+    """Return the speed [m/s] at a curvature [1/m] and distance ``rho`` [m]."""
     v_max, slowest = config.data_sheet.v_max, config.min_approach_linear_velocity
     v = v_max
     if abs(curvature) * config.regulated_linear_scaling_min_radius > 1.0:

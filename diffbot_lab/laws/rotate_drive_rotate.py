@@ -1,4 +1,4 @@
-"""Turn towards the goal, drive straight there, turn to its heading: what most robots do."""
+"""Turn towards the goal, drive straight to it, and turn to its heading, as most robots do."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from diffbot_core.schema import Spec
 from diffbot_lab.laws import common
 
 _PASSED = 0.5
-"""[m] the drive ends when the goal is passed within this distance"""
+"""[m] distance within which the drive ends when the robot passes the goal"""
 _OFF_LINE = 0.7
-"""[rad] beyond this bearing the robot turns without driving"""
+"""[rad] bearing beyond which the robot turns without driving"""
 _NEAR = 0.3
-"""[m] below it the steering fades: there the bearing is noise"""
+"""[m] distance below which the steering is reduced, because noise dominates the bearing"""
 
 
 class RotateDriveRotateConfig(NamedTuple):
-    """Profiles of both turns and of the drive."""
+    """Parameters of the two turns and of the drive."""
 
     turning: common.Turning = common.Turning()
     stop: common.Stop = common.Stop()
     drive_brake: Annotated[float, Spec("deceleration of the drive", "m/s^2", 0.05, 100.0)] = 5.0
     drive_time: Annotated[float, Spec("reaction time of the drive", "s", 0.02, 10.0)] = 1.0
-    slow_distance: Annotated[float, Spec("the drive ends slowly below this distance; 0: nowhere", "m", 0.0, 5.0)] = 0.0
-    slow_slope: Annotated[float, Spec("speed per distance of the slow end", "1/s", 0.0, 10.0)] = 0.0
-    start_angle: Annotated[float, Spec("the drive begins below this bearing", "rad", 0.01, 1.5)] = 0.2
+    slow_distance: Annotated[float, Spec("distance of the slow end of the drive; 0: none", "m", 0.0, 5.0)] = 0.0
+    slow_slope: Annotated[float, Spec("speed divided by the distance in the slow end", "1/s", 0.0, 10.0)] = 0.0
+    start_angle: Annotated[float, Spec("bearing below which the drive begins", "rad", 0.01, 1.5)] = 0.2
     line_gain: Annotated[float, Spec("steering gain of the drive", "1/s", 0.01, 50.0)] = 4.0
     tolerance: GoalTolerance = GoalTolerance()
     data_sheet: DataSheet = DataSheet()
@@ -41,7 +41,7 @@ def rotate_drive_rotate(
     """Return the next state and the requested command."""
     sheet = config.data_sheet
     rho = now.navigation.rho
-    direction = state.direction if state.direction != 0.0 else common.chosen_direction(now.navigation)
+    direction = state.direction if state.direction != 0.0 else common.choose_direction(now.navigation)
     angle = common.bearing(now.navigation, direction)
     if state.phase >= common.FINISHING:
         return common.final_turn(state, now.pose.theta, config)
@@ -64,7 +64,7 @@ def _drive_speed(rho: float, config: RotateDriveRotateConfig) -> float:
 
 
 class RotateDriveRotate(common.PeerLaw):
-    """Rotate, drive, rotate; with a slow end or without. Source: common practice, e.g. Nav2's rotation shim."""
+    """Rotate, drive, rotate, with or without a slow end. Source: common practice, for example Nav2's rotation shim."""
 
     name = "rotate_drive_rotate"
     Config = RotateDriveRotateConfig

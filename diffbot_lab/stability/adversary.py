@@ -1,10 +1,14 @@
-"""Bounds of r* from below: errors within the contract that are chosen to keep the robot away from the goal.
+"""Bound r* from below: choose errors within the contract that keep the robot away from the goal.
 
-Two adversaries play against the library's own step. The greedy one knows the true state. In each step it tries corners,
-middles of sides and the middle of the errors, and takes those whose next state scores highest: the distance plus a
-weighted sum of even functions of alpha and beta, whose weights are searched by the cross-entropy method. The drifting
-one plays against Omega_L: it sends the robot to and fro between the ends of the position error, each way with the
-heading error that shifts the robot aside, so that the robot never seems to rest. Another adversary may do better.
+Two adversaries act on the library's own step:
+
+- The greedy adversary knows the true state. In each step it tries the corners, the middles of the sides and the middle
+  of the range of the errors, and chooses the errors whose next state has the highest score. The score is the distance
+  plus a weighted sum of even functions of alpha and beta. The cross-entropy method searches the weights.
+- The drift adversary acts in Omega_L. It drives the robot forwards and backwards between the ends of the position
+  error, with the heading error that shifts the robot to one side, so that the robot never rests.
+
+Other adversaries may bring the robot farther.
 """
 
 from __future__ import annotations
@@ -36,35 +40,37 @@ Array = NDArray[np.float64]
 
 FEATURES = 9
 STEPS, WARM_UP, WINDOW = 600, 150, 75
-"""Steps of a trajectory, steps before it counts, and steps within which the robot has to be brought back."""
+"""Number of steps of a trajectory, of its first steps that do not count, and of a window: the greedy adversary has to
+bring the robot away from the goal again in every window."""
 _CANDIDATES = 9 * 3 * 4
 """position errors on a 3 x 3 grid, three errors of the heading, +-1 for each wheel"""
 _GENERATIONS, _POPULATION, _ELITE = 40, 48, 0.15
-"""Generations of the search, trajectories in each, and the share of them that the next generation follows."""
+"""Number of generations of the search, number of trajectories in each generation, and the share of the trajectories
+from which the next generation is drawn."""
 _START = 0.3
-"""[m] the greedy adversary starts within it, in x and in y"""
+"""[m] bound of x and y of the starts of the greedy adversary"""
 _ALONG = 0.6
-"""share of the position error along the axis of a drift; the rest of the disc is lateral"""
+"""[-] share of the position error along the axis of a drift; the rest of the disc is lateral"""
 _TURN_BACK = 0.3
-"""share of the error of x at which the robot is sent back, before the command becomes as small as at rest"""
+"""[-] share of the error of x at which the robot is sent back, before the command is small enough to count as rest"""
 _AHEAD = 0.03
-"""[m] before the leaving radius, where the drifting adversary starts to show a smaller lateral error"""
+"""[m] distance before the leaving radius from which the drift adversary reduces the measured lateral error"""
 _DRIFT_STEPS = 200_000
 _AFTERWARDS = 20
-"""steps of a random run after the certified time"""
+"""number of steps of a random run after the certified time"""
 
 
 class Attack(NamedTuple):
-    """The best weights that were found."""
+    """The best weights of the greedy adversary."""
 
     distance: float
     """[m] distance from the goal that is reached in every window"""
     weights: Array
-    """(FEATURES,) of the score"""
+    """(FEATURES,) weights of the score"""
 
 
 def score(pose: Pose, weights: Any) -> float:
-    """Return how good a state is for the greedy adversary."""
+    """Return the score of a state for the greedy adversary."""
     rho, alpha, beta = navigation_variables(pose)
     value: float = (
         rho
@@ -82,7 +88,7 @@ def score(pose: Pose, weights: Any) -> float:
 
 
 def _fill_path(loop: ContractLoop, start: Any, weights: Any, path: Any) -> None:
-    """Fill ``path`` (steps, 3) with the poses under the greedy adversary; the base's own error leads away."""
+    """Fill ``path`` (steps, 3) with the poses under the greedy adversary. The offset of the base points away."""
     pose, memory, errors = Pose(start[0], start[1], start[2]), new_memory(), np.empty(ERRORS)
     for step in range(len(path)):
         best, best_pose, best_memory = -math.inf, pose, memory
@@ -122,13 +128,13 @@ def search(
 
     Args:
         loop: law, contract and period.
-        seed: of starts and weights.
-        generations: of the search.
-        population: trajectories in each of them.
+        seed: seed of starts and weights.
+        generations: number of generations.
+        population: number of trajectories in each generation.
         each: called after each generation with the best distance so far.
     """
 
-    def play(start: Array, weights: Array) -> float:
+    def attack(start: Array, weights: Array) -> float:
         path = np.empty((STEPS, 3))
         _path_kernel(loop, start, weights, path)
         return recurrent_distance(path)
@@ -136,13 +142,13 @@ def search(
     rng = np.random.default_rng(seed)
     mean, deviation = np.zeros(FEATURES), np.full(FEATURES, 0.5)
     best = Attack(0.0, mean)
-    play(np.array([_START, 0.0, 0.0]), mean)  # compiles before the threads start
+    attack(np.array([_START, 0.0, 0.0]), mean)  # compiles before the threads start
     with ThreadPoolExecutor() as pool:
         for _ in range(generations):
             weights = mean + deviation * rng.standard_normal((population, FEATURES))
             weights[0] = best.weights
             starts = rng.uniform(-1.0, 1.0, (population, 3)) * np.array([_START, _START, math.pi])
-            distances = np.array(list(pool.map(play, starts, weights)))
+            distances = np.array(list(pool.map(attack, starts, weights)))
             order = np.argsort(-distances)
             elite = weights[order[: max(3, int(_ELITE * population))]]
             mean, deviation = elite.mean(axis=0), 0.8 * elite.std(axis=0) + 0.02
@@ -153,19 +159,19 @@ def search(
     return best
 
 
-def _drift(loop: ContractLoop, start: Pose, memory: SwitchingMemory, leaving: float, steps: int) -> tuple[float, float]:
-    """Send the robot to and fro until Omega_L ends; return the farthest distance [m] and the time [s] until then.
+def _drift(loop: ContractLoop, start: Pose, memory: SwitchingMemory, leaving: float, steps: int) -> float:
+    """Drive the robot forwards and backwards in Omega_L, and return its largest distance [m] from the goal.
 
     Args:
         loop: law, contract and period.
         start: true pose in Omega_L, near the goal.
-        memory: of the law there.
-        leaving: [m] measured distance beyond which Omega_L ends.
-        steps: at most.
+        memory: memory of the law at the start.
+        leaving: [m] measured distance beyond which the law leaves Omega_L.
+        steps: largest number of steps.
     """
     pose, errors, turn_back = start, np.zeros(ERRORS), _TURN_BACK * _ALONG * loop.contract.eps_position
-    farthest, when = math.hypot(start.x, start.y), 0.0
-    for number in range(steps):
+    farthest = math.hypot(start.x, start.y)
+    for _ in range(steps):
         direction = math.copysign(1.0, memory.command.v)
         if direction * pose.x > turn_back:
             direction = -direction
@@ -174,51 +180,48 @@ def _drift(loop: ContractLoop, start: Pose, memory: SwitchingMemory, leaving: fl
         pose, memory, _ = next_pose(loop, pose, memory, loop.contract.sigma_max, errors)
         if memory.switching.region != OMEGA_L:
             break
-        distance = math.hypot(pose.x, pose.y)
-        if distance > farthest:
-            farthest, when = distance, (number + 1) * loop.period
-    return farthest, when
+        farthest = max(farthest, math.hypot(pose.x, pose.y))
+    return farthest
 
 
 _drift_kernel = compile_bounds(_drift)
 
 
-def drift_of(loop: ContractLoop) -> tuple[float, float]:
-    """Return how far [m], and in which time [s], a drift leads from the edge of where Omega_L may be entered."""
+def drift_of(loop: ContractLoop) -> float:
+    """Return the largest distance [m] of a drift that starts where the law may just enter Omega_L."""
     sigma, tolerance = loop.contract.sigma_max, loop.law.config.tolerance
     start = Pose(0.0, entering_radius(sigma, tolerance) + loop.contract.eps_position, 0.0)
     memory = new_memory()._replace(switching=Switching(OMEGA_L, 1, 0.0), command=Twist(0.1, 0.0))
-    farthest, when = _drift_kernel(loop, start, memory, leaving_radius(sigma, tolerance), _DRIFT_STEPS)
-    return float(farthest), float(when)
+    return float(_drift_kernel(loop, start, memory, leaving_radius(sigma, tolerance), _DRIFT_STEPS))
 
 
 def run_adversary(path: Path, steps: int, trajectories: int, seed: int, out: Path) -> int:
     """Attack a certificate with chosen errors, and compare it with runs under random errors.
 
     Args:
-        path: of the certificate.
-        steps: with random errors from drawn memories, at least.
-        trajectories: with random errors from all over the start.
-        seed: of both.
+        path: file of the certificate.
+        steps: approximate number of steps with random errors from random memories.
+        trajectories: number of runs with random errors from any start.
+        seed: seed of starts, errors and weights.
         out: folder for adversary.json.
 
     Raises:
-        DiffbotError: if the certificate is refuted, after writing the file, or it cannot be written.
+        DiffbotError: if the certificate is refuted (after adversary.json is written), or the file cannot be written.
     """
     certificate = load_certificate(path)
     claims, plan, loop = certificate.claims, certificate.plan, loop_of(certificate)
     with output_folder(out):
         with tqdm(desc="adversary", total=_GENERATIONS, unit="generation", disable=None) as bar:
             attack = search(loop, seed, each=lambda _: bar.update())
-        drifted = drift_of(loop)[0]
-        distance = max(attack.distance, drifted)
+        drift = drift_of(loop)
+        distance = max(attack.distance, drift)
         observed = _observed(certificate, steps, trajectories, seed)
         result = {
             "certified": claims._asdict() | {"time": claims.steps * plan.period},
             "adversary": {
                 "distance": distance,
                 "again_and_again": attack.distance,
-                "drift": drifted,
+                "drift": drift,
                 "weights": attack.weights.tolist(),
             },
             "certified_over_adversary": claims.radius / distance,
@@ -230,24 +233,27 @@ def run_adversary(path: Path, steps: int, trajectories: int, seed: int, out: Pat
         write_json(out / "adversary.json", result)
     print(report(certificate))
     print(json.dumps({key: result[key] for key in ("certified_over_adversary", "observed")}))
-    print(f"An adversary brings the robot to {distance:.3f} m.\n{out / 'adversary.json'}")
+    print(f"An adversary brings the robot to {distance:.3f} m from the goal.\nResults in {out / 'adversary.json'}")
     left_core, late = observed["left_core"], observed["late"]
     if left_core or late or distance > claims.radius:
-        raise DiffbotError(f"{path}: refuted, {left_core} steps left the core, {late} trajectories were late")
+        raise DiffbotError(
+            f"{path}: the certificate is refuted: {left_core} steps left the core, {late} runs were too late, "
+            f"and an adversary reached {distance:.3f} m (r* = {claims.radius:.3f} m)"
+        )
     return 0
 
 
 def _observed(certificate: Certificate, steps: int, trajectories: int, seed: int) -> dict[str, float]:
-    """Count what runs with random errors do."""
+    """Return the counts of runs with random errors."""
     length = certificate.claims.steps + _AFTERWARDS
     runs, ends = drive(certificate, trajectories, certificate.claims.start, length, seed, any_memory=False)
-    drawn = sample(certificate, steps, seed + 1)
+    short = sample(certificate, steps, seed + 1)
     return {
-        "steps_from_core": runs.from_core + drawn.from_core,
-        "left_core": runs.left_core + drawn.left_core,
-        "departures": runs.departures + drawn.departures,
+        "steps_from_core": runs.from_core + short.from_core,
+        "left_core": runs.left_core + short.left_core,
+        "departures": runs.departures + short.departures,
         "trajectories": trajectories,
-        "late": runs.broken + drawn.broken,
+        "late": runs.broken + short.broken,
         "longest": runs.longest,
         "farthest": float(np.hypot(ends[:, 0], ends[:, 1]).max()),
     }

@@ -1,4 +1,4 @@
-"""``diffbot stability certify`` and ``verify``: make a certificate, also of a robot's own contract, and check it."""
+"""``diffbot stability certify`` and ``verify``: make and check a certificate."""
 
 from __future__ import annotations
 
@@ -15,7 +15,14 @@ from diffbot_control.law.switching import SwitchingLaw
 from diffbot_core.errors import DiffbotError
 from diffbot_core.files import output_folder
 from diffbot_lab.stability.checker import verify
-from diffbot_lab.stability.contract import KeptShare, farthest_start, fitted, kept, observe, runs_of_robot, share_of
+from diffbot_lab.stability.contract import (
+    fit_bounds,
+    is_kept,
+    kept_share,
+    measure_deviations,
+    runs_of_robot,
+    start_radius,
+)
 from diffbot_lab.stability.file import Certificate, load_certificate, save_certificate
 from diffbot_lab.stability.maker import certify
 from diffbot_lab.stability.plan import SLOPES, Contract, Plan
@@ -24,40 +31,41 @@ from diffbot_sim.jit import law_version
 from diffbot_tools.robot import read_robot
 
 _RUNS = 200
-"""runs that bounds are fitted to, and as many others that show how often the bounds are kept"""
+"""number of runs to which the bounds are fitted, and number of other runs that count how often they are kept"""
 _SEED = 9017
+_RANDOM_STEPS = 1_000_000
+"""approximate number of random steps that are compared with a certificate"""
 _END = 45.0
-"""[s] end of the part of a run that counts; later the robots stand at their goals"""
+"""[s] end of the part of a run that counts. The robots rest at their goals afterwards"""
 
 
 def report(certificate: Certificate) -> str:
-    """Return the claims of a certificate in words."""
+    """Return the claims of a certificate as text."""
     claims, plan = certificate.claims, certificate.plan
     contract, steps = plan.contract, claims.steps
     position, theta, sigma = (getattr(contract, name) for name in SLOPES)
-    slopes = f"  each plus {position:g} m, {theta:g} rad and {sigma:g} m per metre from the goal,\n"
-    base = f"{contract.eps_v:g} m/s and {contract.eps_omega:g} rad/s"
+    slopes = f"  (each bound grows by {position:g} m, {theta:g} rad and {sigma:g} m per metre from the goal)\n"
     return (
-        f"Law {SwitchingLaw.name}, a pose each {plan.period:g} s. As long as\n"
-        f"  the estimate is within {contract.eps_position:g} m and {contract.eps_theta:g} rad,\n"
-        f"  its standard deviation at most {contract.sigma_max:g} m,\n"
+        f"Law {SwitchingLaw.name}, one pose every {plan.period:g} s. Assumptions:\n"
+        f"  the errors of the estimate are at most {contract.eps_position:g} m and {contract.eps_theta:g} rad,\n"
+        f"  its standard deviation is at most {contract.sigma_max:g} m,\n"
         f"{slopes if max(position, theta, sigma) > 0.0 else ''}"
-        f"  the wheels off by at most {100.0 * contract.wheel_error:g} %,\n"
-        f"  and the base at most {base} off what is requested,\n"
-        f"every trajectory from within {claims.start:g} m is in the core after "
-        f"{steps * plan.period:g} s ({steps} steps) at most and stays;\n"
-        f"the core is within r* = {math.ceil(1e4 * claims.radius) / 1e4:.4f} m."
+        f"  the speed of each wheel is off by at most {100.0 * contract.wheel_error:g} %,\n"
+        f"  and the base is off the request by at most {contract.eps_v:g} m/s and {contract.eps_omega:g} rad/s.\n"
+        f"Every trajectory that starts within {claims.start:g} m is in the core after at most "
+        f"{steps * plan.period:g} s ({steps} steps), and stays in the core.\n"
+        f"The core is within r* = {math.ceil(1e4 * claims.radius) / 1e4:.4f} m of the goal."
     )
 
 
-def certify_and_save(config: SwitchingConfig, plan: Plan, out: Path, threads: int | None = None) -> Certificate:
+def certify_and_save(config: SwitchingConfig, plan: Plan, out: Path, threads: int | None) -> None:
     """Make a certificate of the default law, write it to a file, and print its claims.
 
     Args:
-        config: of the controller.
+        config: configuration of the controller.
         plan: contract, period, start and cells.
-        out: the file.
-        threads: None: one per core.
+        out: file of the certificate.
+        threads: number of threads; None means one per core.
 
     Raises:
         DiffbotError: if the configuration is not covered, no certificate is found, or the file cannot be written.
@@ -66,26 +74,25 @@ def certify_and_save(config: SwitchingConfig, plan: Plan, out: Path, threads: in
     with output_folder(out.parent):
         certificate = certify(config, plan, threads)
         save_certificate(out, certificate)
-    cells = f"{len(certificate.ranks)} cells, {time.monotonic() - began:.0f} s"
-    print(f"{report(certificate)}\n{cells}; not verified yet: diffbot stability verify {out}")
-    return certificate
+    print(report(certificate))
+    print(f"Made {len(certificate.ranks)} cells in {time.monotonic() - began:.0f} s.")
+    print(f"The certificate is not verified yet: run diffbot stability verify {out}")
 
 
 def certify_robot(
     name: str, bounds: Mapping[str, float], since: float, cells: Mapping[str, Any], out: Path, threads: int | None
-) -> tuple[Certificate, KeptShare]:
-    """Measure the bounds that are not given, certify, and print how often the contract is kept in other runs.
+) -> None:
+    """Certify a robot, and print how often other runs keep the contract.
+
+    Bounds that are not given are measured in simulated runs that start at rest.
 
     Args:
         name: parameter file or preset.
-        bounds: of the contract, by their names.
-        since: [s] the contract is measured from then on in runs that start at rest.
-        cells: ``margin`` and ``fineness`` of the plan, if they are given.
+        bounds: given bounds of the contract by name.
+        since: [s] time in the runs from which on the contract is measured.
+        cells: given values of ``margin`` and ``fineness``.
         out: file of the certificate.
-        threads: None: one per core.
-
-    Returns:
-        The certificate, and the share of the other runs that keep the contract.
+        threads: number of threads; None means one per core.
 
     Raises:
         DiffbotError: if the robot is not covered, or no certificate is found.
@@ -97,33 +104,33 @@ def certify_robot(
     slopes = {name: value for name, value in bounds.items() if name in SLOPES}
     contract = Contract(wheel_error=runs.case.robot.plant.drive_noise, **slopes)
     with tqdm(total=2 * _RUNS, desc="contract", unit="run", disable=None) as bar:
-        found = fitted(observe(runs, contract, _SEED, bar)[:, part], contract, 1.0)
-        unbounded = [one for one, value in found.items() if not value < 1.0 and one not in bounds]
+        fitted = fit_bounds(measure_deviations(runs, contract, _SEED, bar)[:, part], contract)
+        unbounded = [one for one, value in fitted.items() if not value < 1.0 and one not in bounds]
         if unbounded:
             raise DiffbotError(
-                f"no contract: {', '.join(unbounded)} has no bound from {since:g} s on; take a later --since"
+                f"no contract: {', '.join(unbounded)} is not below 1 in all simulated runs from {since:g} s on; "
+                "choose a later --since"
             )
-        contract = Contract(**{**contract._asdict(), **found, **bounds})
-        others = observe(runs_of_robot(robot, _RUNS, _SEED + 1), contract, _SEED + 1, bar)
-    share = share_of(kept(others[:, part], contract))
-    plan = Plan(contract, t_s, farthest_start(robot), **cells)
+        contract = Contract(**{**contract._asdict(), **fitted, **bounds})
+        others = measure_deviations(runs_of_robot(robot, _RUNS, _SEED + 1), contract, _SEED + 1, bar)
+    share = kept_share(is_kept(others[:, part], contract))
+    plan = Plan(contract, t_s, start_radius(robot), **cells)
     try:
-        certificate = certify_and_save(runs.case.controller, plan, out, threads)
+        certify_and_save(runs.case.controller, plan, out, threads)
     except DiffbotError as error:
         measured = ", ".join(f"{name} {value:g}" for name, value in contract._asdict().items())
         raise DiffbotError(f"{error}; contract from {since:g} s on: {measured}") from None
     print(
-        f"In {100.0 * share.runs:.1f} % [{100.0 * share.low:.1f}, {100.0 * share.high:.1f}] of {_RUNS} other runs the "
-        f"contract is kept from {since:g} s to {_END:g} s."
+        f"{100.0 * share.runs:.1f} % [{100.0 * share.low:.1f}, {100.0 * share.high:.1f}] of {_RUNS} other runs keep "
+        f"the contract from {since:g} s to {_END:g} s."
     )
-    return certificate, share
 
 
-def run_verify(path: Path, steps: int = 1_000_000, seed: int = 1) -> int:
-    """Check a certificate, and compare it with ``steps`` steps of the robot's own law from drawn memories.
+def run_verify(path: Path) -> int:
+    """Check a certificate, and compare it with random steps of the robot's own law.
 
     Raises:
-        DiffbotError: naming the first thing that is not proved, or if a step breaks a rank.
+        DiffbotError: naming the first claim that is not proved, or if a rank does not fall in a step.
     """
     certificate, began = load_certificate(path), time.monotonic()
     try:
@@ -131,11 +138,14 @@ def run_verify(path: Path, steps: int = 1_000_000, seed: int = 1) -> int:
     except DiffbotError as error:
         raise DiffbotError(f"{path}: {error}") from None
     cells = int((certificate.ranks >= 0).sum())
-    print(f"{report(certificate)}\nVerified: {cells} cells, {time.monotonic() - began:.0f} s.")
+    print(f"{report(certificate)}\nVerified {cells} cells in {time.monotonic() - began:.0f} s.")
     if certificate.law != law_version(SwitchingLaw):
-        print("The law's code has changed since the certificate was made; it is verified for the law of today.")
-    found = sample(certificate, steps, seed)
-    if found.broken:
-        raise DiffbotError(f"{path}: refuted, {found.broken} runs in {found.steps} random steps break a rank")
-    print(f"{found.steps} random steps keep to the ranks.")
+        print("The law's code has changed since the certificate was made. It is verified for the present code.")
+    counts = sample(certificate, _RANDOM_STEPS, seed=1)
+    if counts.broken:
+        raise DiffbotError(
+            f"{path}: the certificate is refuted: in {counts.broken} runs of {counts.steps} random steps a rank "
+            "did not fall"
+        )
+    print(f"The ranks hold in {counts.steps} random steps.")
     return 0

@@ -1,8 +1,8 @@
-"""The file of a certificate: one JSON object with all that is needed to check it.
+"""Read and write the file of a certificate: one JSON object with everything that the checker needs.
 
-It states the contract, the period, every parameter of the controller, a hash of the law's code, the cells and the
-claims. The ranks are 16-bit integers, little endian, in the order of the cells, packed. The plan's margin and fineness
-only describe how the cells were chosen.
+The file contains the contract, the period, every parameter of the controller, a hash of the law's code, the cells and
+the claims. The ranks are 16-bit integers, little endian, in the order of the cells, compressed by zlib and encoded as
+base64. The plan's margin and fineness only document how the cells were chosen.
 """
 
 from __future__ import annotations
@@ -21,47 +21,46 @@ from diffbot_control.law.configuration import SwitchingConfig
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.files import write_json
 from diffbot_core.schema import build, to_dict
-from diffbot_lab.stability.plan import Contract, Plan, check_number, check_plan, requesting
+from diffbot_lab.stability.plan import Contract, Plan, check_number, check_plan, ideal_law
 
 FORMAT = "diffbot stability 5"
-_MAX_BYTES = 1_000_000_000
 MAX_CELLS = 100_000_000
-_MAX_ROWS, _MAX_COLUMNS, _MAX_STEPS = 20_000, 16_000, 32_767
+_MAX_COLUMNS, _MAX_STEPS = 16_000, 32_767
 
 
 class Claims(NamedTuple):
-    """Statement of a certificate."""
+    """Claims of a certificate."""
 
     radius: float
-    """[m] r*: once in the core, the robot stays within this distance"""
+    """[m] r*, the distance from the goal within which the robot stays once it is in the core"""
     start: float
-    """[m] from every state within this distance ..."""
+    """[m] largest distance of the starts"""
     steps: int
-    """... the robot is in the core after so many steps at most"""
+    """largest number of steps from a start to the core"""
     seed: float
-    """[m] Omega_L, once entered, does not last beyond this distance; all states within it are in the core"""
+    """[m] largest distance at which Omega_L stays in force; all states within it are in the core"""
 
 
 class Certificate(NamedTuple):
-    """The contents of a file."""
+    """Contents of a file."""
 
     plan: Plan
     config: SwitchingConfig
     rho: NDArray[np.float64]
-    """(rows + 1,) edges [m]; everything nearer than the first belongs to the core"""
+    """(rows + 1,) edges [m]; all states nearer than the first edge belong to the core"""
     alphas: NDArray[np.int64]
-    """(rows,) even number of equal columns of alpha, -pi to pi; those from 0 on are kept"""
+    """(rows,) even number of equal columns of alpha from -pi to pi; the columns with alpha >= 0 are kept"""
     betas: NDArray[np.int64]
-    """(rows,) columns of beta, -pi to pi"""
+    """(rows,) number of columns of beta from -pi to pi"""
     ranks: NDArray[np.int16]
-    """rank of each cell kept, by row, alpha, beta: 0 in the core, -1 without one"""
+    """(cells,) rank of each kept cell, by row, alpha, beta: 0 in the core, -1 if the cell has no rank"""
     claims: Claims
     law: str
-    """hash of the code of the law"""
+    """hash of the law's code"""
 
 
 def first_cells(alphas: NDArray[np.int64], betas: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return (rows + 1,) the index of the first kept cell of each row, and the number of all kept cells."""
+    """Return (rows + 1,): the index of the first kept cell of each row, then the number of kept cells."""
     return np.concatenate(([0], np.cumsum(alphas // 2 * betas)))
 
 
@@ -69,7 +68,7 @@ def save_certificate(path: Path, certificate: Certificate) -> None:
     """Write a certificate.
 
     Raises:
-        OSError: if it cannot be written.
+        OSError: if the file cannot be written.
     """
     plan, config, rho, alphas, betas, ranks, claims, law = certificate
     content = {
@@ -87,34 +86,25 @@ def save_certificate(path: Path, certificate: Certificate) -> None:
 
 
 def load_certificate(path: Path) -> Certificate:
-    """Read a certificate and check that its parts fit together; what it claims is checked by ``verify``.
+    """Read a certificate and check that its parts fit together; the checker checks the claims.
 
     Raises:
         DiffbotError: if the file cannot be read, or a value is missing or out of its range.
     """
-    content = _read(path)
-    if content.get("format") != FORMAT:
-        raise DiffbotError(f"{path}: is no file of the format {FORMAT!r}")
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise DiffbotError(f"cannot read {path}: {error.strerror}") from None
+    except (ValueError, RecursionError):
+        raise DiffbotError(f"{path} is not JSON") from None
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise DiffbotError(f"{path} is not a certificate with the format {FORMAT!r}; make it again")
     try:
         return _certificate(content)
     except DiffbotError as error:
         raise DiffbotError(f"{path}: {error}") from None
     except (KeyError, TypeError, ValueError, OverflowError) as error:
-        raise DiffbotError(f"{path}: a value is missing or of the wrong kind: {error}") from None
-
-
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        if path.stat().st_size > _MAX_BYTES:
-            raise DiffbotError(f"{path}: larger than {_MAX_BYTES} bytes")
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise DiffbotError(f"cannot read {path}: {error.strerror}") from None
-    except (ValueError, RecursionError):
-        raise DiffbotError(f"{path}: is no JSON") from None
-    if not isinstance(content, dict):
-        raise DiffbotError(f"{path}: is no JSON object")
-    return content
+        raise DiffbotError(f"{path}: a value is missing or has the wrong type: {error}") from None
 
 
 def _certificate(content: dict[str, Any]) -> Certificate:
@@ -122,7 +112,7 @@ def _certificate(content: dict[str, Any]) -> Certificate:
     plan = _all_of(Plan, "plan", {**values, "contract": _all_of(Contract, "plan.contract", values["contract"])})
     check_plan(plan)
     config = _config(content["controller"])
-    requesting(config, plan)
+    ideal_law(config, plan)
     rho = _edges(content["rho"])
     alphas, betas = (_columns(name, content[name], len(rho) - 1) for name in ("alphas", "betas"))
     if (alphas % 2).any():
@@ -137,35 +127,35 @@ def _certificate(content: dict[str, Any]) -> Certificate:
 
 
 def _all_of(kind: Any, name: str, values: dict[str, Any]) -> Any:
-    """Return a tuple of a kind with all of its fields given, and no others."""
+    """Return a named tuple of all its fields. Missing and additional fields are errors."""
     if set(values) != set(kind._fields):
-        raise DiffbotError(f"{name}: must have {', '.join(kind._fields)}")
+        raise DiffbotError(f"{name} must have exactly the fields {', '.join(kind._fields)}")
     return kind(**values)
 
 
 def _config(values: Any) -> SwitchingConfig:
-    """Return the configuration; every parameter has to be there: a default of today is not one of the file's."""
+    """Return the configuration. Missing parameters are errors, because a default may have changed."""
     missing = sorted(to_dict(SwitchingConfig()).keys() - dict(values).keys())
     if missing:
-        raise DiffbotError(f"controller: without {', '.join(missing)}")
+        raise DiffbotError(f"controller has no {', '.join(missing)}")
     return build(SwitchingConfig, dict(values))
 
 
 def _edges(values: Any) -> NDArray[np.float64]:
-    if not isinstance(values, list) or not 2 <= len(values) <= _MAX_ROWS + 1:
-        raise DiffbotError(f"rho: must be a list of 2 to {_MAX_ROWS + 1} edges")
+    if not isinstance(values, list) or len(values) < 2:
+        raise DiffbotError("rho must be a list of at least 2 edges")
     for value in values:
         check_number("rho", value, 1e-6, 1e4)
     edges = np.array(values, np.float64)
     falling = np.flatnonzero(~(np.diff(edges) > 0.0))
     if len(falling):
-        raise InvalidValueError("rho", float(edges[falling[0] + 1]), f"> {edges[falling[0]]:g}, the edge before it")
+        raise InvalidValueError("rho", float(edges[falling[0] + 1]), f"> {edges[falling[0]]:g}, the previous edge")
     return edges
 
 
 def _columns(name: str, values: Any, rows: int) -> NDArray[np.int64]:
     if not isinstance(values, list) or len(values) != rows:
-        raise DiffbotError(f"{name}: must be a list of {rows} numbers, one for each row of rho")
+        raise DiffbotError(f"{name} must be a list of {rows} numbers, one for each row of rho")
     for value in values:
         if isinstance(value, bool) or not isinstance(value, int) or not 4 <= value <= _MAX_COLUMNS:
             raise InvalidValueError(name, value, f"a whole number from 4 to {_MAX_COLUMNS}")
@@ -182,27 +172,27 @@ def _claims(values: Any) -> Claims:
 
 
 def pack(raw: bytes) -> str:
-    """Compress bytes to a text, by zlib and base64."""
+    """Return bytes as a text, compressed by zlib and encoded as base64."""
     return base64.b64encode(zlib.compress(raw, 9)).decode()
 
 
 def unpack(name: str, text: Any, size: int) -> bytes:
-    """Return what :func:`pack` compressed; no more than ``size`` bytes are ever unpacked.
+    """Return the bytes of a text of :func:`pack`. A text of another size is not decompressed beyond ``size``.
 
     Args:
-        name: of the field.
-        text: its value.
-        size: [bytes] to be found.
+        name: name of the field.
+        text: value of the field.
+        size: [bytes] expected size.
 
     Raises:
-        DiffbotError: if it is no such text, or of another size.
+        DiffbotError: if the value is not such a text, or contains another number of bytes.
     """
     if not isinstance(text, str):
-        raise DiffbotError(f"{name}: must be a text")
+        raise DiffbotError(f"{name} must be a string")
     try:
         raw = zlib.decompressobj().decompress(base64.b64decode(text, validate=True), size + 1)
     except (ValueError, binascii.Error, zlib.error) as error:
-        raise DiffbotError(f"{name}: {error}") from None
+        raise DiffbotError(f"{name} cannot be decoded: {error}") from None
     if len(raw) != size:
-        raise DiffbotError(f"{name}: must hold {size} bytes")
+        raise DiffbotError(f"{name} must contain {size} bytes, as many as the cells require")
     return raw

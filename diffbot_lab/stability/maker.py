@@ -1,15 +1,14 @@
-"""Makes a certificate of the law ``switching``: chooses cells, finds a core that is not left, and ranks the cells.
+"""Make a certificate of the law ``switching``: choose cells, find a core that the robot does not leave, rank the cells.
 
-From every state whose rank is n, with either end leading and any memory of the law, the robot is in the core after at
-most n steps, and stays. A rank is 0 in the core, n > 0 for a cell that leads only to cells of smaller rank, and
-UNRANKED as long as that is not shown. The loop is symmetric under a change of the signs of alpha and beta, so only
-alpha >= 0 is kept. The result is not trusted: the checker proves it with bounds of its own.
+From every state of rank n, with either end leading and any memory of the law, the robot is in the core after at most n
+steps, and stays there. Cells of the core have rank 0. A cell has rank n > 0 if it leads only to cells of smaller rank.
+All other cells are UNRANKED. The loop is symmetric under a change of the signs of alpha and beta, so only the cells
+with alpha >= 0 are kept. The checker does not trust the result, and proves it with bounds of its own.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
@@ -23,44 +22,44 @@ from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_lab.stability.compiled import compile_bounds
 from diffbot_lab.stability.file import MAX_CELLS, Certificate, Claims, first_cells
 from diffbot_lab.stability.maker_bounds import Boxes, MakerLoop, boxes_of_row, local_reach, longest_near, maker_loop
-from diffbot_lab.stability.plan import Plan, Requests, check_plan, requesting
+from diffbot_lab.stability.plan import IdealLaw, Plan, check_plan, ideal_law
 from diffbot_sim.jit import law_version
 
 CORE, UNRANKED, MAX_RANK = 0, -1, 32_000
-_INWARD = 0.002
+_EDGE_STEP = 0.002
 """[m] step of the search for the first edge"""
-_FARTHER = 1.02
-"""factor of the search for a distance that Omega_L does not outlast: the bounds grow with it, but more slowly"""
-_AT_ONCE = 1.25
+_HOLDING_FACTOR = 1.02
+"""factor between two tries of the search for the holding radius"""
+_SPLIT_REACH = 1.25
 """Rows up to this multiple of the innermost row without a rank are halved together."""
-_NARROWEST = 0.01
-"""share of the longest step; narrower rows are not halved"""
-_MOST_CELLS = 12_000_000
-"""about 5 GB"""
+_MIN_ROW = 0.01
+"""[-] Rows that are narrower than this share of the longest step are not halved."""
+_CELL_LIMIT = 12_000_000
+"""largest number of cells, about 5 GB"""
 
 
 class Band(NamedTuple):
-    """Rows up to a distance, and how they are divided."""
+    """Rows up to a distance from the goal, and their division into cells."""
 
     to: float
-    """[m]"""
+    """[m] distance"""
     growth: float
     """[-] width of a row as a share of its distance"""
-    widest: float
-    """[m]"""
+    max_width: float
+    """[m] largest width of a row"""
     alphas: int
-    """columns of alpha all around, a multiple of 4"""
+    """columns of alpha from -pi to pi, a multiple of 4"""
     betas: int
-    """columns of beta, an even number"""
+    """columns of beta from -pi to pi, an even number"""
 
 
 class Table(NamedTuple):
     """Cells of (rho, alpha, beta); row i is rho in [rho[i], rho[i + 1]]."""
 
     rho: NDArray[np.float64]
-    """(rows + 1,) edges [m]; everything nearer is one set, the inside"""
+    """(rows + 1,) edges [m]; all states nearer than the first edge are in the core"""
     alphas: NDArray[np.int64]
-    """(rows,) columns of alpha all around; half of them are kept"""
+    """(rows,) columns of alpha from -pi to pi; half of them are kept"""
     betas: NDArray[np.int64]
     """(rows,) columns of beta"""
     start: NDArray[np.int64]
@@ -68,11 +67,11 @@ class Table(NamedTuple):
 
 
 def make_table(inside: float, bands: tuple[Band, ...]) -> Table:
-    """Divide the states beyond ``inside`` [m]."""
+    """Divide the states beyond the distance ``inside`` [m] into cells."""
     edges, alphas, betas = [inside], [], []
     for band in bands:
         while edges[-1] < band.to:
-            edges.append(edges[-1] + min(band.growth * edges[-1], band.widest))
+            edges.append(edges[-1] + min(band.growth * edges[-1], band.max_width))
             alphas.append(band.alphas)
             betas.append(band.betas)
     columns = np.array(alphas), np.array(betas)
@@ -80,7 +79,7 @@ def make_table(inside: float, bands: tuple[Band, ...]) -> Table:
 
 
 def with_rows_split(table: Table, split: NDArray[np.bool_]) -> tuple[Table, NDArray[np.int64]]:
-    """Halve the marked rows; return the new table and, for each of its rows, the index of the old row."""
+    """Halve the marked rows. Return the new table, and the index of the old row for each new row."""
     old = np.repeat(np.arange(len(split)), np.where(split, 2, 1))
     middles = 0.5 * (table.rho[:-1] + table.rho[1:])[split]
     columns = table.alphas[old], table.betas[old]
@@ -88,7 +87,10 @@ def with_rows_split(table: Table, split: NDArray[np.bool_]) -> tuple[Table, NDAr
 
 
 def kept_index(table: Table, row: int, i: int, j: int) -> int:
-    """Return the index of the cell that stands for column i of alpha and j of beta, counted from -pi and beyond."""
+    """Return the index of the kept cell of column i of alpha and j of beta, both counted from -pi, modulo a turn.
+
+    A column with alpha < 0 is stored as its mirror image.
+    """
     alphas, betas = table.alphas[row], table.betas[row]
     i, j = i % alphas, j % betas
     if i >= alphas // 2:
@@ -97,14 +99,14 @@ def kept_index(table: Table, row: int, i: int, j: int) -> int:
 
 
 def columns_of(low: float, high: float, number: int) -> tuple[int, int]:
-    """Return the first and the last column of an interval of angles, at most all of them."""
+    """Return the first and the last column that an interval of angles meets, at most ``number`` columns."""
     per_column = number / (2.0 * math.pi)
     first, last = math.floor((low + math.pi) * per_column), math.floor((high + math.pi) * per_column)
     return first, min(last, first + number - 1)
 
 
 def row_of(rho: Any, distance: float) -> int:
-    """Return the row of a distance [m]; -1 inside, the number of rows beyond them."""
+    """Return the row of a distance [m], -1 nearer than the first row, and the number of rows beyond the last one."""
     low, high = -1, len(rho) - 1
     while low < high:
         middle = (low + high + 1) // 2
@@ -116,7 +118,10 @@ def row_of(rho: Any, distance: float) -> int:
 
 
 def rank_of_box(table: Table, ranks: Any, box: Any) -> int:
-    """Return the largest rank of the cells that a box meets, CORE inside; UNRANKED if one has no rank."""
+    """Return the largest rank of the cells that a box meets, UNRANKED if one of these cells has no rank.
+
+    States nearer than the first row have the rank CORE.
+    """
     first, last = row_of(table.rho, box[0]), row_of(table.rho, box[1])
     if last >= len(table.rho) - 1:
         return UNRANKED
@@ -134,9 +139,9 @@ def rank_of_box(table: Table, ranks: Any, box: Any) -> int:
 
 
 def rank_row(table: Table, row: int, boxes: Any, start: Any, ranks: Any) -> int:
-    """Rank the cells of a row whose images have ranks, until nothing changes; return their number."""
+    """Rank the cells of a row whose images have ranks, until nothing changes. Return the number of new ranks."""
     first, cells = table.start[row], table.start[row + 1] - table.start[row]
-    changed, fresh = 0, 1
+    ranked, fresh = 0, 1
     while fresh > 0:
         fresh = 0
         for index in range(cells):
@@ -152,12 +157,16 @@ def rank_row(table: Table, row: int, boxes: Any, start: Any, ranks: Any) -> int:
             if largest != UNRANKED:
                 ranks[first + index] = largest + 1
                 fresh += 1
-        changed += fresh
-    return changed
+        ranked += fresh
+    return ranked
 
 
 def spread_core(table: Table, row: int, boxes: Any, start: Any, ranks: Any, done: Any) -> int:
-    """Add the cells that the core's cells of a row lead to; return their number, -1 for a state beyond the table."""
+    """Add the images of the core's cells in a row to the core.
+
+    Returns:
+        The number of cells that were added; -1 if an image reaches beyond the table.
+    """
     first, cells = table.start[row], table.start[row + 1] - table.start[row]
     added = 0
     for index in range(cells):
@@ -186,47 +195,43 @@ spread_kernel = compile_bounds(spread_core)
 
 
 def certify(config: SwitchingConfig, plan: Plan, threads: int | None = None) -> Certificate:
-    """Find a core and ranks.
+    """Make a certificate: find the core and the ranks.
 
     Args:
-        config: of the controller.
+        config: configuration of the controller.
         plan: contract, start and cells.
-        threads: for the images; None: one per core.
+        threads: number of threads that compute images; None means one per core.
 
     Raises:
         DiffbotError: if the configuration is not covered, or no certificate is found.
     """
     check_plan(plan)
-    law = requesting(config, plan)
+    law = ideal_law(config, plan)
     near = holding_radius(law, plan)
     table, seed = table_of(maker_loop(law, plan.at(near + plan.margin)), near, plan)
-
-    def images_of(table: Table, rows: Iterable[int]) -> list[Boxes]:
-        return _images_of_rows(lambda rho: maker_loop(law, plan.at(rho)), table, list(rows), threads)
-
-    images = images_of(table, range(len(table.rho) - 1))
+    images = _images_of_rows(law, plan, table, np.arange(len(table.rho) - 1), threads)
     ranks = np.full(int(table.start[-1]), UNRANKED, np.int16)
     ranks[: table.start[int(np.searchsorted(table.rho, seed, side="right"))]] = CORE
-    _spread(table, images, ranks)
-    _rank(table, images, ranks)
+    _spread_core(table, images, ranks)
+    _rank_cells(table, images, ranks)
     while (split := rows_to_split(table, ranks, plan.to, plan.period * law.config.data_sheet.v_max)).any():
         finer, old = with_rows_split(table, split)
-        # A cell that has a rank keeps it, since both halves lead only to images of the whole.
+        # Both halves of a cell lead only to images of the whole cell, so they keep its rank.
         ranks = np.concatenate([ranks[table.start[row] : table.start[row + 1]] for row in old])
-        table, fresh = finer, np.flatnonzero(split[old])
         images = [images[row] for row in old]
-        for row, found in zip(fresh, images_of(table, fresh), strict=True):
-            images[row] = found
-        _rank(table, images, ranks)
+        table, halves = finer, np.flatnonzero(split[old])
+        for row, boxes in zip(halves, _images_of_rows(law, plan, table, halves, threads), strict=True):
+            images[row] = boxes
+        _rank_cells(table, images, ranks)
     claims = Claims(core_radius(table, ranks), float(plan.to), steps_from(table, ranks, plan.to), seed)
     return Certificate(plan, config, table.rho, table.alphas, table.betas, ranks, claims, law_version(SwitchingLaw))
 
 
-def holding_radius(law: Requests, plan: Plan) -> float:
-    """Return the true distance [m] within which Omega_L ends, by the contract of a robot within that distance.
+def holding_radius(law: IdealLaw, plan: Plan) -> float:
+    """Return the largest true distance [m] after a step in Omega_L, under the contract that holds at this distance.
 
     Raises:
-        DiffbotError: if there is none within the start: the bounds of the estimate grow too fast.
+        DiffbotError: if there is no such distance within the start, because the bounds of the estimate grow too fast.
     """
     within = 0.0
     while within < plan.to:
@@ -234,24 +239,29 @@ def holding_radius(law: Requests, plan: Plan) -> float:
         holding = local_reach(maker_loop(law, here))
         if holding <= within or here == plan:
             return holding
-        within = holding * _FARTHER
-    raise DiffbotError(f"no certificate: Omega_L may last as far as {plan.to:g} m, where the robot starts")
+        within = holding * _HOLDING_FACTOR
+    raise DiffbotError(
+        f"no certificate: Omega_L may stay in force as far as {plan.to:g} m, where the robot starts; "
+        "reduce the slopes of the contract"
+    )
 
 
 def table_of(loop: MakerLoop, near: float, plan: Plan) -> tuple[Table, float]:
-    """Return the cells of a plan, and the radius [m] of the core's seed, all of which belongs to the core.
+    """Return the cells of a plan, and the radius [m] of the seed: all states within it belong to the core.
 
     Args:
-        loop: by the contract of a robot within the seed.
+        loop: loop with the contract that holds within the seed.
         near: [m] holding radius.
         plan: contract, start and cells.
     """
     seed = inside = near + plan.margin
-    # No step of Omega_G from inside leads beyond the seed.
+    # No step of Omega_G that begins nearer than the first edge may lead beyond the seed.
     while inside > loop.eps_rho and not inside + longest_near(loop, inside + loop.eps_rho) < seed:
-        inside -= _INWARD
-    if not inside > 1.01 * loop.eps_rho + _INWARD:
-        raise DiffbotError("no certificate: Omega_L is too small for the error of the position")
+        inside -= _EDGE_STEP
+    if not inside > 1.01 * loop.eps_rho + _EDGE_STEP:
+        raise DiffbotError(
+            "no certificate: Omega_L is too small for the position error; reduce eps_position or raise the margin"
+        )
     fine, near_goal = plan.fineness, max(0.7, seed + 0.16)
     bands = (
         Band(near_goal, 0.003 / fine, 0.01, 4 * math.ceil(90 * fine), 2 * math.ceil(40 * fine)),
@@ -260,40 +270,47 @@ def table_of(loop: MakerLoop, near: float, plan: Plan) -> tuple[Table, float]:
     )
     table = make_table(inside, bands)
     if table.start[-1] > MAX_CELLS:
-        raise InvalidValueError("fineness", plan.fineness, f"less: this makes {table.start[-1]} cells")
+        raise InvalidValueError(
+            "fineness", plan.fineness, f"smaller: it gives {table.start[-1]} cells, and at most {MAX_CELLS} are allowed"
+        )
     return table, seed
 
 
 def rows_to_split(table: Table, ranks: NDArray[np.int16], distance: float, longest: float) -> NDArray[np.bool_]:
-    """Return the rows (rows,) to halve: the innermost ones without a rank.
+    """Return (rows,), True for each row to halve: the innermost rows with unranked cells.
 
-    Rows farther out often have no rank only because they lead to these rows.
+    Rows farther out often have unranked cells only because they lead to these rows.
 
     Args:
-        table: of the cells.
-        ranks: of the cells.
-        distance: [m] within which all cells need a rank.
-        longest: [m] step; rows below a share of it are not halved.
+        table: cells.
+        ranks: ranks of the cells.
+        distance: [m] distance within which all cells need a rank.
+        longest: [m] longest step.
+
+    Raises:
+        DiffbotError: if the table would have too many cells.
     """
     unranked = np.add.reduceat(ranks == UNRANKED, table.start[:-1]) > 0
     near = table.rho[:-1]
     if not unranked[near < distance].any():
         return np.zeros(len(near), np.bool_)
     first = near[np.argmax(unranked)]
-    split = unranked & (near < _AT_ONCE * first) & (np.diff(table.rho) > _NARROWEST * longest)
-    if table.start[-1] + np.diff(table.start)[split].sum() > _MOST_CELLS:
-        raise DiffbotError(f"no certificate with {_MOST_CELLS} cells: from {first:.4g} m the robot may not come nearer")
+    split = unranked & (near < _SPLIT_REACH * first) & (np.diff(table.rho) > _MIN_ROW * longest)
+    if table.start[-1] + np.diff(table.start)[split].sum() > _CELL_LIMIT:
+        raise DiffbotError(
+            f"no certificate with {_CELL_LIMIT} cells: the errors may cancel the robot's progress at {first:.4g} m"
+        )
     return np.asarray(split)
 
 
 def core_radius(table: Table, ranks: NDArray[np.int16]) -> float:
-    """Return r* [m]: the robot stays within this distance of the goal once it is in the core."""
+    """Return r* [m], the distance from the goal within which the robot stays once it is in the core."""
     rows = np.logical_or.reduceat(ranks == CORE, table.start[:-1])
     return float(table.rho[np.flatnonzero(rows)[-1] + 1] if rows.any() else table.rho[0])
 
 
 def steps_from(table: Table, ranks: NDArray[np.int16], distance: float) -> int:
-    """Return the largest number of steps to the core from any state within ``distance`` [m].
+    """Return the largest number of steps to the core. The steps start within ``distance`` [m] of the goal.
 
     Raises:
         DiffbotError: if a cell there has no rank.
@@ -303,21 +320,25 @@ def steps_from(table: Table, ranks: NDArray[np.int16], distance: float) -> int:
         row = int(np.searchsorted(table.start, int(np.argmax(ranks == UNRANKED)), side="right")) - 1
         share = float((ranks == UNRANKED).mean())
         raise DiffbotError(
-            f"no certificate: {100.0 * share:.3g} % of the cells, from {table.rho[row]:.4g} m, have no rank: "
+            f"no certificate: {100.0 * share:.3g} % of the cells have no rank, the nearest at {table.rho[row]:.4g} m: "
             "the errors may cancel the robot's progress there"
         )
     return int(ranks.max(initial=0))
 
 
 def _images_of_rows(
-    loop_at: Callable[[float], MakerLoop], table: Table, rows: list[int], threads: int | None
+    law: IdealLaw, plan: Plan, table: Table, rows: NDArray[np.int_], threads: int | None
 ) -> list[Boxes]:
     def images(row: int) -> Boxes:
         edges = float(table.rho[row]), float(table.rho[row + 1])
-        found = boxes_of_row(loop_at(edges[1]), edges, int(table.alphas[row]), int(table.betas[row]))
-        if found is None:
-            raise DiffbotError(f"no certificate: the period is too long, or cells at {edges[0]:g} m are too large")
-        return found
+        loop = maker_loop(law, plan.at(edges[1]))
+        boxes = boxes_of_row(loop, edges, int(table.alphas[row]), int(table.betas[row]))
+        if boxes is None:
+            raise DiffbotError(
+                f"no certificate: the images of the cells at {edges[0]:g} m have no bound; "
+                "shorten the period or raise the fineness"
+            )
+        return boxes
 
     pool = ThreadPoolExecutor(threads)
     try:
@@ -326,21 +347,20 @@ def _images_of_rows(
         pool.shutdown(cancel_futures=True)
 
 
-def _spread(table: Table, images: list[Boxes], ranks: NDArray[np.int16]) -> None:
+def _spread_core(table: Table, images: list[Boxes], ranks: NDArray[np.int16]) -> None:
+    """Add the images of the core to the core until nothing changes."""
     done, added = np.zeros(len(ranks), np.uint8), 1
     while added > 0:
         added = 0
         for row, (boxes, start) in enumerate(images):
             fresh = spread_kernel(table, row, boxes, start, ranks, done)
             if fresh < 0:
-                raise DiffbotError(
-                    "no certificate: the errors may drive the robot from the goal as far as the cells reach"
-                )
+                raise DiffbotError("no certificate: the errors may drive the robot from the core beyond all cells")
             added += fresh
 
 
-def _rank(table: Table, images: list[Boxes], ranks: NDArray[np.int16]) -> None:
-    """Rank row by row until nothing changes."""
+def _rank_cells(table: Table, images: list[Boxes], ranks: NDArray[np.int16]) -> None:
+    """Rank the cells row by row until nothing changes."""
     with tqdm(total=len(ranks), initial=int((ranks != UNRANKED).sum()), desc="ranks", unit="cell", disable=None) as bar:
         changed = 1
         while changed > 0:

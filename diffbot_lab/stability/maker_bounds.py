@@ -1,13 +1,13 @@
-"""Encloses one step of the loop by interval arithmetic, for the maker of certificates.
+"""Enclose one step of the loop by interval arithmetic, for the maker of certificates.
 
 An interval is a pair of arrays (low, high). The robot is at a distance rho from the goal, whose bearing is alpha in the
-robot's frame and beta in the goal's frame, all as of the leading end. A step with the rotation z moves the base along a
+robot's frame and beta in the goal's frame, both from the leading end. A step with the rotation z moves the base along a
 chord u, which points z / 2 to the left. With psi = alpha - z / 2, the angle from the chord to the goal,
 
     rho' exp(i tau) = rho - u cos(psi) + i u sin(psi),   alpha' = alpha - z + tau,   beta' = beta + tau
 
-Nothing here is trusted: a step that leaves its enclosure leads to a certificate that the checker refuses. The checker
-shares no code with this module.
+The checker does not trust this module and shares no code with it. If a step left its enclosure, the checker would
+refuse the certificate.
 """
 
 from __future__ import annotations
@@ -20,35 +20,35 @@ from numpy.typing import NDArray
 
 from diffbot_control.law.regions import leaving_radius
 from diffbot_control.law.steering import ARRIVAL_SHARE, BEARING_FADE, BEARING_WEIGHT
-from diffbot_lab.stability.plan import Plan, Requests
+from diffbot_lab.stability.plan import IdealLaw, Plan
 
 Array = NDArray[np.float64]
 Interval = tuple[Any, Any]
 
 PADDING = 2e-5
-"""[m] and [rad] by which an image is widened on each side, far more than the rounding of the maker and of the law"""
+"""[m] and [rad] by which an image is widened on each side. The rounding errors of maker and law are far smaller"""
 _COLUMNS = 2
-"""columns of alpha in a slice of the measured bearing"""
+"""number of columns of alpha in a slice of the measured bearing"""
 _OVERLAP = 0.2
-"""columns by which a slice is wider on each side: more than the slices in the smallest parts into which the
-checker splits a cell, so that the checker finds no image that the maker did not count"""
+"""columns by which a slice is wider on each side. The slices of the checker are smaller than this overlap where it
+splits a cell into the smallest parts, so each of its images lies within an image of the maker"""
 
 
 class MakerLoop(NamedTuple):
     """Law, contract and base of a robot within some distance of the goal."""
 
     brake: float
-    """[m/s^2]"""
+    """[m/s^2] deceleration"""
     react: float
-    """[s] with the smallest reported deviation ..."""
+    """[s] reaction time with the smallest reported standard deviation"""
     slow_react: float
-    """[s] ... and with the largest one"""
+    """[s] reaction time with the largest reported standard deviation"""
     turn_brake: float
-    """[rad/s^2]"""
+    """[rad/s^2] angular deceleration"""
     turn_react: float
-    """[s]"""
+    """[s] reaction time of turns"""
     weight: float
-    """[-] of beta"""
+    """[-] weight of beta"""
     v_max: float
     """[m/s]"""
     omega_max: float
@@ -60,22 +60,22 @@ class MakerLoop(NamedTuple):
     leaving: float
     """[m] largest measured distance in Omega_L"""
     eps_rho: float
-    """[m]"""
+    """[m] bound of the position error"""
     eps_theta: float
-    """[rad]"""
+    """[rad] bound of the heading error"""
     noise: float
     """[-] relative error of each wheel's speed"""
-    beside: float
-    """[m] by which the base misses the end of the requested step, beyond the errors of the wheels"""
+    offset: float
+    """[m] distance between the end of a step and the end of the requested motion, beyond the errors of the wheels"""
     eps_omega: float
-    """[rad/s]"""
+    """[rad/s] error of the rotation, beyond the errors of the wheels"""
     t_s: float
-    """[s]"""
+    """[s] period"""
 
 
-def maker_loop(requests: Requests, plan: Plan) -> MakerLoop:
+def maker_loop(law: IdealLaw, plan: Plan) -> MakerLoop:
     """Return the loop of a law under a plan whose contract has constant bounds."""
-    (config, gains), contract = requests, plan.contract
+    (config, gains), contract = law, plan.contract
     sheet, tolerance = config.data_sheet, config.tolerance
     arriving = max(config.sigma_known, ARRIVAL_SHARE * tolerance.xy_goal_tolerance)
     return MakerLoop(
@@ -93,25 +93,25 @@ def maker_loop(requests: Requests, plan: Plan) -> MakerLoop:
         eps_rho=contract.eps_position,
         eps_theta=contract.eps_theta,
         noise=contract.wheel_error,
-        beside=contract.eps_v * plan.period,
+        offset=contract.eps_v * plan.period,
         eps_omega=contract.eps_omega,
         t_s=plan.period,
     )
 
 
 def longest_near(loop: MakerLoop, measured: float) -> float:
-    """Longest step [m] towards a goal that is measured within a distance [m], with any rotation."""
+    """Return the longest step [m] towards a goal that is measured within a distance [m], with any rotation."""
     v = min(float(_braking(measured, loop.brake, loop.react)), loop.v_max)
-    return loop.t_s * (v + loop.noise * max(v, loop.half * loop.omega_max)) + loop.beside + PADDING
+    return loop.t_s * (v + loop.noise * max(v, loop.half * loop.omega_max)) + loop.offset + PADDING
 
 
 def local_reach(loop: MakerLoop) -> float:
-    """Largest true distance [m] after a step in Omega_L."""
+    """Return the largest true distance [m] after a step in Omega_L."""
     return loop.leaving + loop.eps_rho + longest_near(loop, loop.leaving)
 
 
 def _braking(distance: Any, brake: float, react: float) -> Any:
-    """Speed from which the robot stops within a distance if it reacts after ``react`` [s]."""
+    """Return the speed from which the robot stops within a distance if it reacts after ``react`` [s]."""
     return 2.0 * distance / (react + np.sqrt(react**2 + 2.0 * distance / brake))
 
 
@@ -121,68 +121,67 @@ def _times(a: Interval, b: Interval) -> Interval:
 
 
 def _cosine(a: Interval) -> Interval:
-    """Cosine: 1 at an even multiple of pi inside, -1 at an odd one."""
+    """Bound the cosine, which is 1 at even and -1 at odd multiples of pi."""
     one, other = np.cos(a[0]), np.cos(a[1])
     first, last = np.ceil(a[0] / math.pi), np.floor(a[1] / math.pi)
     even, odd = 2.0 * np.ceil(0.5 * first) <= last, 2.0 * np.ceil(0.5 * (first - 1.0)) + 1.0 <= last
     return np.where(odd, -1.0, np.minimum(one, other)), np.where(even, 1.0, np.maximum(one, other))
 
 
-def _size(a: Interval) -> Interval:
-    """Absolute value."""
+def _absolute(a: Interval) -> Interval:
     one, other = np.abs(a[0]), np.abs(a[1])
     return np.where((a[0] <= 0.0) & (a[1] >= 0.0), 0.0, np.minimum(one, other)), np.maximum(one, other)
 
 
 def _sinc(a: Interval) -> Interval:
-    """sin(a) / a, which falls with |a| up to pi."""
-    near, far = _size(a)
+    """Bound sin(a) / a, which falls with |a| up to pi."""
+    near, far = _absolute(a)
     return np.sinc(far / math.pi), np.sinc(near / math.pi)
 
 
 class Slices(NamedTuple):
-    """Cells of one column of alpha whose bearing is measured in one interval; arrays (slices, 1)."""
+    """Slices of the measured bearing, each within one column of alpha; arrays (slices, 1)."""
 
     column: NDArray[np.int64]
     alpha: Interval
     """[rad] true bearing"""
-    seen: Interval
+    measured: Interval
     """[rad] measured bearing, within +-pi"""
-    off: Interval
+    error: Interval
     """[rad] error of the measured direction of the goal"""
 
 
 def slices_of(loop: MakerLoop, rho: float, alphas: int) -> Slices:
-    """Cut what may be measured in the columns with alpha >= 0.
+    """Cut the bearings that may be measured in the columns with alpha >= 0 into slices.
 
     Args:
-        loop: of the contract there.
+        loop: loop with the contract in this row.
         rho: [m] nearest distance of the row, more than ``eps_rho``.
-        alphas: columns all around, a multiple of 4, so that no slice contains the jump of the law at pi.
+        alphas: columns from -pi to pi, a multiple of 4, so that no slice contains the jump of the law at pi.
     """
-    width, widest = 2.0 * math.pi / alphas, math.asin(loop.eps_rho / rho)
-    reach, cut = widest + loop.eps_theta, 2.0 * math.pi / alphas * _COLUMNS
+    width, max_error = 2.0 * math.pi / alphas, math.asin(loop.eps_rho / rho)
+    reach, cut = max_error + loop.eps_theta, 2.0 * math.pi / alphas * _COLUMNS
     column = np.arange(alphas // 2)[:, None]
     low, high = column * width, (column + 1) * width
     number = np.floor((low - reach) / cut) + np.arange(math.ceil((width + 2.0 * reach) / cut) + 1)
     p = np.maximum(number * cut - _OVERLAP * width, low - reach)
     q = np.minimum((number + 1.0) * cut + _OVERLAP * width, high + reach)
-    off = np.maximum(p - high - loop.eps_theta, -widest), np.minimum(q - low + loop.eps_theta, widest)
+    error = np.maximum(p - high - loop.eps_theta, -max_error), np.minimum(q - low + loop.eps_theta, max_error)
     alpha = np.maximum(low, p - reach), np.minimum(high, q + reach)
     turned = 2.0 * math.pi * np.round((number + 0.5) * cut / (2.0 * math.pi))
-    seen = np.clip(p - turned, -math.pi, math.pi), np.clip(q - turned, -math.pi, math.pi)
-    held = p < q
+    measured = np.clip(p - turned, -math.pi, math.pi), np.clip(q - turned, -math.pi, math.pi)
+    valid = p < q
 
-    def kept(a: Any) -> Any:
-        return np.broadcast_to(a, held.shape)[held][:, None]
+    def valid_rows(a: Any) -> Any:
+        return np.broadcast_to(a, valid.shape)[valid][:, None]
 
-    pairs = [(kept(a), kept(b)) for a, b in (alpha, seen, off)]
-    return Slices(kept(column), *pairs)
+    pairs = [(valid_rows(a), valid_rows(b)) for a, b in (alpha, measured, error)]
+    return Slices(valid_rows(column), *pairs)
 
 
-def _measured_distance(loop: MakerLoop, rho: Interval, off: Interval) -> Interval:
-    """Distance [m] of the measured goal, which lies in a disc about the true one, in a direction that is off."""
-    least = _size(off)[0]
+def _measured_distance(loop: MakerLoop, rho: Interval, error: Interval) -> Interval:
+    """Bound the distance [m] of the measured goal, which lies in a disc about the true goal, by the direction error."""
+    least = _absolute(error)[0]
     chord = np.sqrt(np.maximum(loop.eps_rho**2 - (rho[0] * np.sin(least)) ** 2, 0.0))
     return rho[0] * np.cos(least) - chord, rho[1] * np.cos(least) + chord
 
@@ -200,7 +199,7 @@ def _scale(loop: MakerLoop, phi: Any, turn: Any, speed: Any) -> Any:
 
 
 def _command(loop: MakerLoop, rho: Interval, alpha: Interval, beta: Interval) -> tuple[Interval, Interval]:
-    """Speed [m/s] and rotation [rad/s] that the law requests for measured values."""
+    """Bound the speed [m/s] and the rotation [rad/s] that the law requests for measured values."""
     near, far = rho
     slowest = np.minimum(_braking(far, loop.brake, loop.slow_react), loop.v_max)
     fastest = np.minimum(_braking(near, loop.brake, loop.react), loop.v_max)
@@ -217,24 +216,24 @@ def _command(loop: MakerLoop, rho: Interval, alpha: Interval, beta: Interval) ->
     aside = _times(weight, beta)
     rate = _times((slowest / far, fastest / near), _times(cosine, _sinc(alpha)))
     turn = _times(rate, (alpha[0] + aside[0], alpha[1] + aside[1]))
-    slow, fast = _size(v)
+    slow, fast = _absolute(v)
     low = np.minimum(_scale(loop, phi[1], turn[1], fast), _scale(loop, -phi[0], -turn[0], fast))
     high = np.minimum(_scale(loop, phi[0], turn[0], slow), _scale(loop, -phi[1], -turn[1], slow))
     v, turn = _times(v, (low, high)), _times(turn, (low, high))
     omega = np.maximum(phi[0] + turn[0], -loop.omega_max), np.minimum(phi[1] + turn[1], loop.omega_max)
-    most = loop.rim - loop.half * _size(omega)[0]
-    return (np.maximum(v[0], -most), np.minimum(v[1], most)), omega
+    v_limit = loop.rim - loop.half * _absolute(omega)[0]
+    return (np.maximum(v[0], -v_limit), np.minimum(v[1], v_limit)), omega
 
 
 def _square(rho: Any, u: Any, cosine: Any) -> Any:
-    """Square of the distance [m^2] after a chord u."""
+    """Return the square of the distance [m^2] after a chord u."""
     return rho**2 - 2.0 * rho * u * cosine + u**2
 
 
 def _moved(loop: MakerLoop, states: tuple[Interval, ...], v: Interval, omega: Interval) -> list[Any]:
-    """Sides of boxes (rho, alpha, beta) after a step, not wrapped; rho < 0 where there is no bound."""
+    """Return the sides of boxes (rho, alpha, beta) after a step. Angles are not wrapped; rho < 0 means no bound."""
     rho, alpha, beta = states
-    error = loop.noise * np.maximum(_size(v)[1], loop.half * _size(omega)[1])
+    error = loop.noise * np.maximum(_absolute(v)[1], loop.half * _absolute(omega)[1])
     turned = error / loop.half + loop.eps_omega
     z = loop.t_s * (omega[0] - turned), loop.t_s * (omega[1] + turned)
     chord = loop.t_s * (v[0] - error), loop.t_s * (v[1] + error)
@@ -249,12 +248,12 @@ def _moved(loop: MakerLoop, states: tuple[Interval, ...], v: Interval, omega: In
         np.arctan2(aside[1], np.where(aside[1] > 0.0, low, high)),
     )
     # rho'^2 = rho^2 - 2 rho u cos(psi) + u^2 rises with rho, is linear in the cosine and convex in u.
-    far = np.sqrt(np.maximum.reduce([_square(rho[1], end, c) for end in u for c in cosine])) + loop.beside
+    far = np.sqrt(np.maximum.reduce([_square(rho[1], end, c) for end in u for c in cosine])) + loop.offset
     feet = [_square(rho[0], np.clip(rho[0] * c, *u), c) for c in cosine]
     bounded = (low > 0.0) & (np.maximum(np.abs(z[0]), np.abs(z[1])) < math.pi)
-    near = np.where(bounded, np.sqrt(np.minimum.reduce(feet)) - loop.beside, -1.0)
-    # The direction of what lies beside the end of the chord, seen from the goal.
-    angle = np.arcsin(np.clip(loop.beside / (near + loop.beside), 0.0, 1.0))
+    near = np.where(bounded, np.sqrt(np.minimum.reduce(feet)) - loop.offset, -1.0)
+    # The angle at the goal between the end of the chord and the farthest possible end of the step.
+    angle = np.arcsin(np.clip(loop.offset / (near + loop.offset), 0.0, 1.0))
     return [
         near,
         far,
@@ -271,39 +270,39 @@ class Boxes(NamedTuple):
     boxes: NDArray[np.float32]
     """(n, 6) bounds of rho [m], alpha and beta [rad], not wrapped, widened by PADDING"""
     start: NDArray[np.int64]
-    """(cells + 1,) the first image of each cell"""
+    """(cells + 1,) index of the first image of each cell"""
 
 
 def boxes_of_row(loop: MakerLoop, rho: Interval, alphas: int, betas: int) -> Boxes | None:
-    """Return the images of the cells of a row under one step of Omega_G; None if they have no bound.
+    """Return the images of the cells of a row after one step of Omega_G, or None if an image has no bound.
 
     Args:
-        loop: of the contract in this row.
+        loop: loop with the contract in this row.
         rho: [m] edges of the row.
-        alphas: columns of alpha all around; the half with alpha >= 0 is meant.
+        alphas: columns of alpha from -pi to pi; the row has the cells with alpha >= 0.
         betas: columns of beta.
     """
     slices = slices_of(loop, rho[0], alphas)
-    seen_rho = _measured_distance(loop, rho, slices.off)
+    measured_rho = _measured_distance(loop, rho, slices.error)
     edges = -math.pi + 2.0 * math.pi / betas * np.arange(betas + 1.0)
-    found, cells = [], []
+    images, cells = [], []
     for turns in (-1, 0, 1):
-        low = np.maximum(edges[:-1] + slices.off[0] - 2.0 * math.pi * turns, -math.pi)
-        high = np.minimum(edges[1:] + slices.off[1] - 2.0 * math.pi * turns, math.pi)
+        low = np.maximum(edges[:-1] + slices.error[0] - 2.0 * math.pi * turns, -math.pi)
+        high = np.minimum(edges[1:] + slices.error[1] - 2.0 * math.pi * turns, math.pi)
         columns = np.flatnonzero((low < high).any(axis=0))
         if not len(columns):
             continue
-        held = (low < high)[:, columns]
-        commands = _command(loop, seen_rho, slices.seen, (low[:, columns], high[:, columns]))
+        valid = (low < high)[:, columns]
+        commands = _command(loop, measured_rho, slices.measured, (low[:, columns], high[:, columns]))
         beta = edges[columns], edges[columns + 1]
         sides = _moved(loop, (rho, slices.alpha, beta), *commands)
-        boxes = np.stack([np.broadcast_to(side, held.shape)[held] for side in sides], axis=1)
+        boxes = np.stack([np.broadcast_to(side, valid.shape)[valid] for side in sides], axis=1)
         if not boxes[:, 0].min() > 0.0:
             return None
-        found.append(boxes)
-        cells.append((slices.column * betas + columns)[held])
+        images.append(boxes)
+        cells.append((slices.column * betas + columns)[valid])
     cell = np.concatenate(cells)
     order = np.argsort(cell, kind="stable")
-    widened = np.concatenate(found)[order] + PADDING * np.array([-1.0, 1.0] * 3)
+    widened = np.concatenate(images)[order] + PADDING * np.array([-1.0, 1.0] * 3)
     counts = np.bincount(cell, minlength=alphas // 2 * betas)
     return Boxes(widened.astype(np.float32), np.concatenate(([0], np.cumsum(counts))))

@@ -9,22 +9,22 @@ from diffbot_control.law.configuration import SwitchingConfig
 from diffbot_control.law.steering import FRONT, drive_and_steer, led_by, navigation_variables
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import Twist
-from diffbot_lab.stability.plan import Contract, Plan, requesting
+from diffbot_lab.stability.plan import Contract, Plan, ideal_law
 from diffbot_sim.config import PlantConfig
 from diffbot_sim.plant import new_plant, plant_step
 
 CONFIG = SwitchingConfig()
 CONTRACT = Contract(sigma_max=0.05, eps_v=0.02, eps_omega=0.05)
 PLAN = Plan(CONTRACT)
-LAW = requesting(CONFIG, PLAN)
+LAW = ideal_law(CONFIG, PLAN)
 SHEET = CONFIG.data_sheet
 SLOWING = CONTRACT.sigma_max / CONFIG.sigma_known
-"""the largest deviation in units of the one to arrive with"""
+"""[-] largest uncertainty ratio of the contract"""
 PLANT = PlantConfig()
 
 
 def moved(rng, pose, command):
-    """Return the pose after a step with the largest error of each wheel, and of the base."""
+    """Return the pose after a step with the largest errors of the wheels and of the base."""
     left, right, more, direction = *rng.choice([-1.0, 1.0], 3), rng.uniform(-math.pi, math.pi)
     turning = Twist(command.v, command.omega + more * CONTRACT.eps_omega)
     after = plant_step(new_plant(pose), turning, noise_row(left, right), PLANT).pose
@@ -33,14 +33,14 @@ def moved(rng, pose, command):
 
 
 def measured(pose, errors):
-    """Return the estimate with shares (x, y, theta) of the errors allowed; the position's error is within a disc."""
+    """Return the estimated pose with errors (x, y, theta) in units of their bounds. The position error is in a disc."""
     x, y, theta = errors
     share = CONTRACT.eps_position / max(1.0, math.hypot(x, y))
     return Pose(pose.x + share * x, pose.y + share * y, wrap_angle(pose.theta + CONTRACT.eps_theta * theta))
 
 
 def random_step(rng, box, leading):
-    """Drive a step from a random state of a box (rho, alpha, beta) in Omega_G; return the state after it."""
+    """Return the state after a step of Omega_G from a random state of a box (rho, alpha, beta)."""
     r, a, b = (rng.uniform(low, high) for low, high in zip(box[::2], box[1::2], strict=True))
     turned = 0.0 if leading == FRONT else math.pi
     pose = Pose(-r * math.cos(b + turned), -r * math.sin(b + turned), wrap_angle(b - a))

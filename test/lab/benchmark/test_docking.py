@@ -1,4 +1,4 @@
-"""Docking beside a peer: contact on histories made by hand, its figures, and the benchmark in short."""
+"""The docking benchmark: contacts of given histories, their figures, and a short run."""
 
 import json
 import math
@@ -16,14 +16,14 @@ def history(*rows):
     return np.array([rows], dtype=float)
 
 
-def test_contact_is_interpolated_between_the_steps_around_it():
+def test_contact_is_interpolated_between_two_steps():
     rows = history((-0.3, 0.1, 0.0), (-0.03, 0.02, 3.13), (0.01, 0.06, -3.13), (0.02, 0.5, 0.5))
-    # Three quarters of the way from -0.03 to 0.01; the heading over the jump at pi.
+    # The contact is at three quarters between -0.03 and 0.01, and the heading crosses pi.
     heading = 3.13 + 0.75 * (2.0 * math.pi - 6.26)
     assert study.contacts(rows, STEP)[0] == pytest.approx((0.05, heading, 0.175, 0.4))
 
 
-def test_only_the_first_way_in_is_contact():
+def test_contact_is_the_first_crossing_towards_the_dock():
     again = history((-0.1, 0.0, 0.0), (-0.2, 0.0, 0.0), (0.2, 0.1, 0.0), (-0.1, 0.0, 0.0), (0.1, 0.3, 0.0))
     out = history((0.1, 0.0, 0.0), (-0.1, 0.0, 0.0), (-0.2, 0.0, 0.0), (-0.1, 0.0, 0.0), (-0.05, 0.0, 0.0))
     both = study.contacts(np.concatenate([out, again]), STEP)
@@ -31,7 +31,7 @@ def test_only_the_first_way_in_is_contact():
     assert both[1] == pytest.approx((0.05, 0.0, 0.15, 4.0))
 
 
-def test_figures_count_docked_beside_and_none():
+def test_figures_count_docked_beside_and_missed_runs():
     degree = math.radians(1.0)
     found = np.array(
         [
@@ -50,19 +50,8 @@ def test_figures_count_docked_beside_and_none():
     assert figures["time"]["median"] == pytest.approx(14.5)
 
 
-def test_the_cases_differ_in_what_they_say():
-    cases = {one.name: study.case_of(one, study.Docking) for one in study.CASES}
-    base = cases["docking"]
-    changed = {
-        "docking_no_loss": lambda one: one.robot.sensors.detector.detection_dropout == 0.0,
-        "docking_outliers": lambda one: one.robot.sensors.detector.detection_outlier == 0.05,
-        "docking_backward": lambda one: one.controller.dock_backward,
-        "docking_no_mix": lambda one: one.robot.plant.command_delay == 0.0,
-        "docking_50_hz": lambda one: one.robot.plant.sampling_time == 0.02 and one.steps == 3000,
-    }
-    assert set(changed) | {"docking"} == set(cases)
-    for name, holds in changed.items():
-        assert [other for other, case in cases.items() if holds(case)] == [name]
+def test_both_laws_receive_the_data_sheet_of_the_plant():
+    base = study.case_of(study.CASES[0], study.Docking)
     assert base.robot.plant.command_delay == base.controller.drive.data_sheet.command_latency
     for law in study.LAWS.values():
         known = law.data_sheet(study.case_of(study.CASES[0], law).controller)
@@ -70,7 +59,7 @@ def test_the_cases_differ_in_what_they_say():
 
 
 @pytest.mark.study
-def test_the_study_in_short(tmp_path, capsys, monkeypatch, kept_signal_handlers):
+def test_the_command_writes_results_that_do_not_depend_on_chunks(tmp_path, capsys, monkeypatch, kept_signal_handlers):
     monkeypatch.setattr(study, "_CHUNK", 8)
     command = ["benchmark", "docking", "--runs", "20", "--seed", "9", "--out", str(tmp_path)]
     assert cli.main([*command, "--case", "docking", "--case", "docking_backward"]) == 0
@@ -84,18 +73,18 @@ def test_the_study_in_short(tmp_path, capsys, monkeypatch, kept_signal_handlers)
         assert 0.05 < own["speed"]["median"] < 0.1 < peer["speed"]["p99"] < 0.15
     lines = capsys.readouterr().out.splitlines()
     assert sum("Nav2's docking server |" in line for line in lines) == 2
-    # Chunks change nothing, and run i is the same under any number of runs.
+    # The results do not depend on the size of the chunks.
     starts = study.docking_starts(20, 9)
     monkeypatch.setattr(study, "_CHUNK", 500)
     found, paths = study.run_docking(study.CASES[0], study.Docking, starts, 9)
     assert study.figures_of(found) == results["cases"][0]["laws"]["docking"]
     np.testing.assert_array_equal(paths[:, 0], starts)
-    # Backwards the paths are shown as those of a robot that docks forwards.
-    _, paths = study.run_docking(study.cases_of(study.CASES, ("docking_backward",))[0], study.Docking, starts, 9)
+    # The paths of a robot that docks backwards are in the frame turned by pi.
+    _, paths = study.run_docking(study.cases_named(("docking_backward",), study.CASES)[0], study.Docking, starts, 9)
     np.testing.assert_array_equal(paths[:, 0], starts)
 
 
-def test_bad_values_are_refused_before_the_runs(tmp_path, capsys, monkeypatch, kept_signal_handlers):
+def test_an_unknown_case_is_refused_before_the_runs(tmp_path, capsys, monkeypatch, kept_signal_handlers):
     monkeypatch.setattr(study, "run_docking", lambda *_: pytest.fail("ran"))
     assert cli.main(["benchmark", "docking", "--case", "sunny", "--out", str(tmp_path)]) == 1
     assert "case = 'sunny': must be one of docking, " in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""Where a peer is ahead of the switching law."""
+"""The quantities in which a peer is ahead of the switching law."""
 
 import numpy as np
 import pytest
@@ -34,7 +34,7 @@ def equal():
         ("position", "p95", "final position error, 95 %"),
     ],
 )
-def test_a_smaller_figure_of_a_peer_is_listed_alone(equal, part, key, figure):
+def test_only_the_smaller_figure_of_a_peer_is_listed(equal, part, key, figure):
     assert peers_ahead(equal) == []
     own, peer = equal["cases"][0]["laws"]
     peer[part][key] *= 0.9

@@ -1,4 +1,4 @@
-"""Tuning: the same budget for every law, the law's own values among the candidates, nothing from the tables."""
+"""Tuning: the same budget for every law, and the law's own values among the candidates."""
 
 import json
 
@@ -18,7 +18,7 @@ TUNED = tuple(one for one in ENTRIES if one.space)
 
 @pytest.fixture
 def landscape(monkeypatch):
-    """Replace the runs by outcomes whose cost is a bowl around the middle of each range; collect what was asked."""
+    """Replace the runs by outcomes whose cost is quadratic about the middle of each range; collect the arguments."""
     asked = []
 
     def run(entry, case, values, count, seed):
@@ -62,7 +62,7 @@ def outcomes(**columns):
     return made
 
 
-def test_the_cost_by_hand():
+def test_the_cost_of_given_outcomes():
     assert cost_of(outcomes()) == pytest.approx(12.0 / 12.0 + 12.0 / 14.0)
     failed = outcomes(settling_time=[np.nan] * 2)
     assert cost_of(failed) == pytest.approx(1.0 + 60.0 / 14.0 + 20.0 * 0.02)

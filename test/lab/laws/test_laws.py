@@ -1,4 +1,4 @@
-"""The laws of others: their formulas against closed forms, their limits, and compiled against plain."""
+"""The peers: they reach the goal, keep the limits, and compile to the same steps."""
 
 import math
 
@@ -12,7 +12,6 @@ from diffbot_control.goals.registry import registered_laws, resolve_law
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
-from diffbot_lab.laws.graceful import graceful_curvature
 from diffbot_sim.jit import compile_kernel, law_version
 
 ORIGIN = Pose(0.0, 0.0, 0.0)
@@ -21,7 +20,7 @@ SHEET = DataSheet(1.3, 2.6, 26.0, 0.5, 1.5)
 
 
 def with_sheet(law, sheet):
-    """Return the default configuration with a data sheet, which may be that of the law that it drives with."""
+    """Return the default configuration with a data sheet; a docking law has it in the configuration of its drive."""
     config = law.Config()
     if "drive" in config._fields:
         return config._replace(drive=config.drive._replace(data_sheet=sheet))
@@ -29,7 +28,7 @@ def with_sheet(law, sheet):
 
 
 def drive(law, config, pose, seconds, t_s=0.1, latency=0.0, *, until_reached=False):
-    """Drive a perfect robot but for its dead time; return the final pose, the commands and the last memory."""
+    """Drive an ideal robot with a dead time. Return the final pose, the commands and the last memory."""
     memory, commands, robot = law.new_memory(config), [], Robot(pose, latency)
     for index in range(round(seconds / t_s)):
         observation = seen(robot.pose, dt=t_s if index else 0.0, period=t_s)
@@ -43,7 +42,7 @@ def drive(law, config, pose, seconds, t_s=0.1, latency=0.0, *, until_reached=Fal
 
 @pytest.mark.parametrize("name", LAWS)
 @pytest.mark.parametrize("start", [(-3.0, 1.0, 0.5), (2.0, -1.0, -2.5)])
-def test_a_law_drives_to_the_pose_and_says_so(name, start):
+def test_a_law_drives_to_the_pose_and_reports_reached(name, start):
     law = resolve_law(name)
     pose, commands, memory = drive(law, law.Config(), Pose(*start), 60.0)
     assert math.hypot(pose.x, pose.y) < 0.1
@@ -55,8 +54,8 @@ def test_a_law_drives_to_the_pose_and_says_so(name, start):
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_reached_is_not_said_while_the_robot_coasts(name):
-    """With a dead time the coasted pose is at the goal before the robot is."""
+def test_reached_is_not_reported_while_the_robot_coasts(name):
+    """With a dead time the coasted pose reaches the goal before the robot."""
     law = resolve_law(name)
     config = with_sheet(law, SHEET._replace(command_latency=0.5))
     pose, _, memory = drive(law, config, Pose(-3.0, 0.1, 0.0), 60.0, latency=0.5, until_reached=True)
@@ -69,7 +68,7 @@ poses = st.builds(Pose, *(st.floats(-5.0, 5.0),) * 2, st.floats(-3.1, 3.1))
 
 @settings(max_examples=75)
 @given(st.sampled_from(LAWS), st.lists(poses, min_size=2, max_size=6), st.floats(0.2, 2.0), st.floats(0.3, 3.0))
-def test_no_limit_is_broken_whatever_the_estimates(name, jumps, a_max, omega_dot_max):
+def test_all_commands_keep_the_limits_whatever_the_estimates(name, jumps, a_max, omega_dot_max):
     law = resolve_law(name)
     sheet = SHEET._replace(a_max=a_max, omega_dot_max=omega_dot_max, command_latency=0.2, drive_time_constant=0.1)
     config = with_sheet(law, sheet)
@@ -83,16 +82,6 @@ def test_no_limit_is_broken_whatever_the_estimates(name, jumps, a_max, omega_dot
         assert abs(command.v - last.v) <= a_max * dt + 1e-9
         assert abs(command.omega - last.omega) <= omega_dot_max * dt + 1e-9
         last = command
-
-
-def test_the_curvature_of_park_and_kuipers():
-    # On the manifold, delta = atan(-k_phi phi), only the second term is left; the formula is theirs, Eq. (13).
-    phi, k_phi = 0.7, 1.5
-    delta = math.atan(-k_phi * phi)
-    expected = -(1.0 + k_phi / (1.0 + (k_phi * phi) ** 2)) * math.sin(delta) / 2.0
-    assert graceful_curvature(2.0, phi, delta, k_phi, 3.0) == pytest.approx(expected)
-    assert graceful_curvature(2.0, phi, delta, k_phi, 9.0) == pytest.approx(expected)
-    assert graceful_curvature(2.0, 0.0, 0.2, 0.0, 3.0) == pytest.approx(-(0.6 + math.sin(0.2)) / 2.0)
 
 
 def numbers_of(value):

@@ -1,4 +1,4 @@
-"""Nav2's docking server as a law: its approach against Park and Kuipers' equations, its phases, its end."""
+"""Nav2's docking server as a law: its approach against Park and Kuipers' equations, its phases, and its end."""
 
 import cmath
 import math
@@ -15,14 +15,14 @@ from diffbot_lab.laws.nav2_docking import (
     Nav2Docking,
     Nav2DockingConfig,
     approach,
-    next_docker,
+    next_state,
 )
 
 DEFAULTS = Nav2DockingConfig()
 
 
 def graceful(x, y, theta):
-    """Park and Kuipers' Eq. (13) and (15) with the gains of the docking server, by complex numbers."""
+    """Park and Kuipers' Eq. (13) and (15) with the gains of the docking server, in complex numbers."""
     to_dock = -complex(x, y)
     r = abs(to_dock)
     delta = cmath.phase(cmath.exp(1j * theta) / (to_dock / r))
@@ -35,15 +35,13 @@ def graceful(x, y, theta):
     return omega / curvature, omega
 
 
-@pytest.mark.parametrize(
-    "pose", [(-0.7, 0.02, -0.1), (-0.5, -0.1, 0.3), (-0.3, 0.05, 0.02), (-0.15, 0.03, 0.2), (-0.9, 0.3, -0.4)]
-)
+@pytest.mark.parametrize("pose", [(-0.7, 0.02, -0.1), (-0.15, 0.03, 0.2), (-0.9, 0.3, -0.4)])
 def test_the_approach_is_the_graceful_law_with_the_gains_of_the_docking_server(pose):
     assert approach(Pose(*pose), DEFAULTS) == pytest.approx(graceful(*pose), abs=1e-12)
 
 
 def driven(start, config, steps=400, dt=0.05):
-    """Drive a unicycle by the law; return poses, commands and phases."""
+    """Drive a unicycle by the law. Return poses, commands and phases."""
     robot, memory, found, dock = Robot(start), Nav2Docking.new_memory(config), [], Pose(0.0, 0.0, 0.0)
     for index in range(steps):
         observation = seen(robot.pose, dt=dt if index else 0.0, period=dt)
@@ -61,7 +59,7 @@ def driven(start, config, steps=400, dt=0.05):
         (Pose(-1.0, 0.41, 0.0), [STAGING, APPROACHING, PRESSING, ENDED]),
     ],
 )
-def test_staging_is_skipped_within_half_a_metre_of_it_and_at_the_dock_it_presses_on(start, phases):
+def test_the_robot_skips_staging_within_half_a_metre_and_presses_on_at_the_dock(start, phases):
     found = driven(start, DEFAULTS)
     assert list(dict.fromkeys(phase for *_, phase in found)) == phases
     at, _, _ = next(one for one in found if one[2] == APPROACHING)
@@ -74,7 +72,7 @@ def test_staging_is_skipped_within_half_a_metre_of_it_and_at_the_dock_it_presses
     assert {command for _, command, _ in found[-20:]} == {(0.0, 0.0)}
 
 
-def test_backwards_it_is_the_same_drive_turned_round():
+def test_docking_backwards_is_the_same_drive_turned_by_pi():
     start = Pose(-2.0, 0.3, -0.2)
     forwards = driven(start, DEFAULTS)
     found = driven(Pose(-start.x, -start.y, start.theta), DEFAULTS._replace(dock_backward=True))
@@ -85,13 +83,13 @@ def test_backwards_it_is_the_same_drive_turned_round():
         assert mirrored == pytest.approx((-command.v, command.omega), abs=1e-9)
 
 
-def test_an_approach_of_more_than_thirty_seconds_begins_again_three_times():
-    docker, phases = Nav2Docking.new_memory(DEFAULTS).state, []
+def test_an_approach_of_more_than_thirty_seconds_is_retried_three_times():
+    state, phases = Nav2Docking.new_memory(DEFAULTS).state, []
     for _ in range(1500):
-        docker = next_docker(docker, Pose(-0.3, 0.0, 0.0), 0.1, DEFAULTS)
-        if docker.phase == STAGING:
-            docker = docker._replace(drive=docker.drive._replace(reached=True))
-        phases.append(docker.phase)
+        state = next_state(state, Pose(-0.3, 0.0, 0.0), 0.1, DEFAULTS)
+        if state.phase == STAGING:
+            state = state._replace(drive=state.drive._replace(reached=True))
+        phases.append(state.phase)
     assert phases.count(STAGING) == 3
     assert phases.index(STAGING) in (300, 301)
     assert phases[-1] == ENDED

@@ -1,4 +1,4 @@
-"""The bounds of a step hold the robot's own law, limits, switch and plant."""
+"""The bounds of a step contain the robot's own law, limits, region switch and plant."""
 
 import math
 
@@ -14,11 +14,11 @@ from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import Estimate, Uncertainty
-from diffbot_lab.stability.checker_bounds import Box, command_of, farthest_local, images, most_images, numbers_of
+from diffbot_lab.stability.checker_bounds import Box, checker_loop, command_of, images, local_reach, max_images
 from diffbot_lab.stability.maker_bounds import boxes_of_row, maker_loop
-from diffbot_lab.stability.plan import Contract, Plan, requesting
+from diffbot_lab.stability.plan import Contract, Plan, ideal_law
 
-LOOP = numbers_of(LAW, PLAN)
+LOOP = checker_loop(LAW, PLAN)
 ROUNDING = 1e-9
 GOAL = Pose(0.0, 0.0, 0.0)
 
@@ -26,11 +26,11 @@ GOAL = Pose(0.0, 0.0, 0.0)
 def images_of(sides):
     """Boxes (n, 6) after one step."""
     box = Box(*sides)
-    boxes = np.empty((most_images(LOOP, box), 6))
+    boxes = np.empty((max_images(LOOP, box), 6))
     return boxes[: images(LOOP, box, boxes)]
 
 
-def test_commands_of_the_law_are_inside_their_bounds():
+def test_the_bounds_contain_the_commands_of_the_law():
     rng = np.random.default_rng(1)
     for _ in range(600):
         near = rng.uniform(0.05, 12.0) ** rng.choice([1.0, 3.0]) % 12.0 + 0.02
@@ -50,7 +50,7 @@ def near_or_around(angle, low, high):
 
 
 @pytest.mark.parametrize("leading", [FRONT, BACK])
-def test_states_after_a_step_are_in_the_images_of_their_cell_whichever_end_leads(leading):
+def test_the_checkers_images_contain_the_states_after_a_step_whichever_end_leads(leading):
     rng = np.random.default_rng(2 + leading)
     for _ in range(60):
         rho = rng.choice([rng.uniform(0.12, 0.4), rng.uniform(0.3, 1.0), rng.uniform(1.0, 12.0)])
@@ -68,7 +68,7 @@ def test_states_after_a_step_are_in_the_images_of_their_cell_whichever_end_leads
             ), (sides, found)
 
 
-def test_states_after_a_step_are_in_the_images_of_the_maker():
+def test_the_makers_images_contain_the_states_after_a_step():
     rng, loop, alphas, betas = np.random.default_rng(6), maker_loop(LAW, PLAN), 144, 64
     for _ in range(40):
         rho = rng.choice([rng.uniform(0.12, 0.4), rng.uniform(0.3, 1.0), rng.uniform(1.0, 12.0)])
@@ -96,7 +96,7 @@ def random_local_state(rng):
 
 def test_omega_l_and_departures_from_it_end_within_the_bound_that_the_core_contains():
     rng, farthest, departed = np.random.default_rng(3), 0.0, 0.0
-    bound = farthest_local(LOOP)
+    bound = local_reach(LOOP)
     for _ in range(6000):
         pose, memory = random_local_state(rng)
         seen = measured(pose, rng.choice([-1.0, 0.0, 1.0], 3))
@@ -112,9 +112,9 @@ def test_omega_l_and_departures_from_it_end_within_the_bound_that_the_core_conta
 
 
 @pytest.mark.parametrize("tolerance", [0.1, 0.4])
-def test_poses_beyond_the_leaving_radius_count_as_outside_and_nearer_ones_may_not(tolerance):
+def test_the_law_is_in_omega_g_beyond_the_leaving_radius_whatever_the_uncertainty(tolerance):
     config = CONFIG._replace(tolerance=CONFIG.tolerance._replace(xy_goal_tolerance=tolerance))
-    radius = numbers_of(requesting(config, PLAN), PLAN).leaving
+    radius = checker_loop(ideal_law(config, PLAN), PLAN).leaving
     before = new_memory()._replace(switching=Switching(OMEGA_L, 1, 0.0), command=Twist(0.2, 0.0))
     for rho in np.linspace(0.02, 3.0, 75):
         found = set()
@@ -127,11 +127,11 @@ def test_poses_beyond_the_leaving_radius_count_as_outside_and_nearer_ones_may_no
 @pytest.mark.parametrize(
     ("field", "value"), [("command_latency", 0.1), ("a_max", 0.5), ("omega_dot_max", 1.5), ("min_velocity", 0.03)]
 )
-def test_a_base_that_does_not_obey_at_once_needs_a_contract_and_is_certified_by_what_the_law_requests(field, value):
+def test_a_base_with_delays_or_limits_needs_bounds_of_the_base_and_is_certified_by_the_requested_command(field, value):
     config = CONFIG._replace(data_sheet=SHEET._replace(**{field: value}))
     with pytest.raises(InvalidValueError, match=r"eps_omega = 0.0: must be above 0 with limits of the acceleration"):
-        requesting(config, Plan(Contract(eps_v=0.01)))
-    law = requesting(config, Plan(Contract(eps_v=0.01, eps_omega=0.01)))
+        ideal_law(config, Plan(Contract(eps_v=0.01)))
+    law = ideal_law(config, Plan(Contract(eps_v=0.01, eps_omega=0.01)))
     assert law.config == CONFIG
     # Turning is planned with 0.65 of the limit, driving with 0.86.
     brakes = {"a_max": (0.43, 7.0), "omega_dot_max": (3.0, 0.975)}.get(field, (3.0, 7.0))
@@ -147,6 +147,6 @@ def test_a_base_that_does_not_obey_at_once_needs_a_contract_and_is_certified_by_
         (CONFIG._replace(symmetric_yaw_tolerance=True), "symmetric_yaw_tolerance"),
     ],
 )
-def test_a_law_that_is_not_covered_is_refused_by_the_name_of_its_parameter(config, name):
+def test_an_uncovered_configuration_is_refused_by_the_name_of_its_parameter(config, name):
     with pytest.raises(InvalidValueError, match=name):
-        requesting(config, Plan())
+        ideal_law(config, Plan())

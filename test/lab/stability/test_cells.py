@@ -1,4 +1,4 @@
-"""Ranks met by a box of states."""
+"""Ranks of the cells that a box of states meets."""
 
 import math
 
@@ -21,7 +21,7 @@ def columns_met(low, high, number):
     return ((edges[:-1] <= high + turns) & (edges[1:] >= low + turns)).any(axis=0)
 
 
-def test_ranks_met_by_a_box_against_a_search():
+def test_the_ranks_of_a_box_equal_a_search_over_all_cells():
     rng = np.random.default_rng(7)
     for _ in range(500):
         ranks = rng.integers(0, 10_000, (3, 8, 4))
@@ -35,7 +35,7 @@ def test_ranks_met_by_a_box_against_a_search():
         assert expected == 0 or not keeps_below(cells, Box(*r, *a, *b), expected - 1)
 
 
-def test_a_cell_that_is_just_touched_counts_and_beyond_the_cells_nothing_is_ranked():
+def test_a_touched_cell_counts_and_states_beyond_the_cells_have_no_rank():
     ranks = np.zeros((2, 32))
     ranks[1] = 9
     cells = small_cells(ranks)

@@ -1,4 +1,4 @@
-"""A small certificate: claims, cells that are halved, and what has no certificate."""
+"""The maker: claims of a certificate, rows that are halved, and errors if there is no certificate."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from diffbot_lab.stability.plan import Contract
 CONFIG = SwitchingConfig()
 
 
-def test_the_claims_are_what_the_ranks_say(plan, certificate):
+def test_the_claims_follow_from_the_ranks(plan, certificate):
     claims, cells = certificate.claims, first_cells(certificate.alphas, certificate.betas)
     rows = np.searchsorted(cells, np.arange(len(certificate.ranks)), side="right") - 1
     assert claims.start == plan.to
@@ -23,7 +23,7 @@ def test_the_claims_are_what_the_ranks_say(plan, certificate):
 
 
 def turning(omega_dot_max):
-    """Return a law that turns slowly, and a contract of its base."""
+    """Return a law with a limit of the angular acceleration, and a contract of its base."""
     config = CONFIG._replace(data_sheet=CONFIG.data_sheet._replace(omega_dot_max=omega_dot_max))
     return config, Contract(eps_v=0.001, eps_omega=0.01)
 
@@ -36,7 +36,7 @@ def test_rows_are_halved_where_a_law_that_turns_slowly_makes_little_progress(pla
     verify(slow)
 
 
-def test_without_a_rank_for_all_there_is_no_certificate(plan):
+def test_unranked_cells_give_no_certificate(plan):
     config, contract = turning(0.1)
     with pytest.raises(DiffbotError, match=r"no certificate: "):
         certify(config, plan._replace(contract=contract))
@@ -45,5 +45,5 @@ def test_without_a_rank_for_all_there_is_no_certificate(plan):
 def test_bounds_that_grow_as_fast_as_the_distance_are_refused(plan):
     with pytest.raises(DiffbotError, match=r"position_slope \+ 3 \* sigma_slope"):
         certify(CONFIG, plan._replace(contract=Contract(sigma_slope=0.4)))
-    with pytest.raises(DiffbotError, match=r"no certificate: Omega_L may last as far as 1.9 m"):
+    with pytest.raises(DiffbotError, match=r"no certificate: Omega_L may stay in force as far as 1.9 m"):
         certify(CONFIG, plan._replace(contract=Contract(sigma_slope=0.32)))

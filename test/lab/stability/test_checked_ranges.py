@@ -1,4 +1,4 @@
-"""The ranges that the checker trusts hold the exact range of every box, by Arb's ball arithmetic, and are tight."""
+"""The checker's ranges contain the exact range of every box, computed by Arb's ball arithmetic, and are tight."""
 
 import math
 from itertools import product
@@ -9,14 +9,14 @@ from flint import arb, ctx
 from tuned_steps import LAW, PLAN
 
 from diffbot_lab.stability import checker_bounds as commands
-from diffbot_lab.stability.checker_bounds import bearing_error, numbers_of
+from diffbot_lab.stability.checker_bounds import bearing_error, checker_loop
 
 BOXES = 1000
-"""of each case"""
-LOOP = numbers_of(LAW, PLAN)
+"""number of boxes of each case"""
+LOOP = checker_loop(LAW, PLAN)
 PI = math.pi
 LOWEST_SINC = 4.493409457909064
-"""[rad] where sin(x)/x is least, to the last bit"""
+"""[rad] argument of the minimum of sin(x) / x, to the last bit"""
 
 
 def sinc(x):
@@ -24,7 +24,7 @@ def sinc(x):
 
 
 def speed(d, brake=LOOP.brake, react=LOOP.react, largest=LOOP.v_max):
-    """As the law has it; the checker has the root in another form."""
+    """Return the law's form of the braking profile, which differs from the checker's form."""
     d, brake, react = arb(d), arb(brake), arb(react)
     return min(2 * d / (react + (react * react + 2 * d / brake).sqrt()), arb(largest))
 
@@ -44,7 +44,7 @@ def steering(low, high):
     return commands.signed_profile(low, *arguments) - slack, commands.signed_profile(high, *arguments) + slack
 
 
-# name: bounds, exact value, extremes inside, (low, high) of each side, how far a bound may be off
+# name: bounds, exact value, extremes inside, (low, high) of each side, largest difference from the exact bounds
 CASES = {
     "cosine": (commands.cosine_range, arb.cos, [0.0, PI, -PI], [(-2.0 * PI, 2.0 * PI)], 1e-9),
     "sinc": (commands.sinc_range, sinc, [0.0, LOWEST_SINC, -LOWEST_SINC], [(-7.0, 7.0)], 1e-9),
@@ -63,7 +63,7 @@ CASES = {
 
 
 def random_boxes(rng, ranges):
-    """Sides of every size, from a point to the whole range, some of them at its ends."""
+    """Return boxes with sides of every size, from a point to the whole range. Some sides begin at the low end."""
     sides = []
     for low, high in ranges:
         ends = rng.uniform(low, high, (BOXES, 2))
@@ -75,7 +75,7 @@ def random_boxes(rng, ranges):
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_holds_the_exact_range_and_is_tight(name):
+def test_a_range_contains_the_exact_range_and_is_tight(name):
     bounds, value, extremes, ranges, tight = CASES[name]
     ctx.prec = 120
     for box in random_boxes(np.random.default_rng(1), ranges).tolist():
@@ -88,8 +88,8 @@ def test_holds_the_exact_range_and_is_tight(name):
         assert high - float(max(values)) <= tight, box
 
 
-def test_the_range_of_the_approach_is_that_of_all_deviations_and_no_wider():
-    """From the slowest at the near end to the fastest at the far one."""
+def test_the_range_of_the_approach_covers_all_standard_deviations_and_is_tight():
+    """The range is from the slowest speed at the near end to the fastest speed at the far end."""
     low, high = commands.approach_range(LOOP, 0.3, 0.4)
     assert (low, high) == pytest.approx((float(slow_speed(0.3)), float(speed(0.4))), abs=1e-9)
     low, high = commands.per_distance_range(LOOP, 0.3, 0.4)

@@ -1,4 +1,4 @@
-"""Files of certificates: what is written is read, and no hostile file gets through."""
+"""Files of certificates: a written certificate is read unchanged, and invalid files are refused."""
 
 import base64
 import json
@@ -19,7 +19,7 @@ def path(certificate, tmp_path):
     return path
 
 
-def test_what_is_written_is_read_to_the_bit(certificate, path):
+def test_a_written_certificate_is_read_unchanged(certificate, path):
     found = load_certificate(path)
     assert (found.plan, found.config, found.claims) == (certificate.plan, certificate.config, certificate.claims)
     for name in ("rho", "alphas", "betas", "ranks"):
@@ -31,27 +31,24 @@ def with_first(values, value):
     return [value, *values[1:]]
 
 
-HOSTILE = [
-    ({"format": "diffbot stability tuned 3"}, "is no file of the format 'diffbot stability 5'"),
+INVALID = [
+    ({"format": "diffbot stability tuned 3"}, "is not a certificate with the format 'diffbot stability 5'"),
     ({"plan.to": 1e9}, "to = 1000000000.0: must be from 0.1 to 1000"),
     ({"controller.command_latency": 0.1}, "eps_v = 0.0: must be above 0 with"),
-    ({"controller": {"allow_backward": True}}, "controller: without "),
-    ({"plan.contract": {"sigma_max": 0.02}}, "plan.contract: must have eps_position, eps_theta, "),
-    ({"rho": 3}, "rho: must be a list of 2 to 20001 edges"),
+    ({"controller": {"allow_backward": True}}, "controller has no "),
+    ({"plan.contract": {"sigma_max": 0.02}}, "plan.contract must have exactly the fields eps_position, eps_theta, "),
     ({"rho": lambda values: with_first(values, math.nan)}, "rho = nan: must be from 1e-06 to 10000"),
-    ({"rho": lambda values: values[:-1]}, "alphas: must be a list of"),
+    ({"rho": lambda values: values[:-1]}, "alphas must be a list of"),
     ({"alphas": lambda values: with_first(values, 7)}, "alphas = 7: must be even"),
-    ({"betas": lambda values: with_first(values, 10**30)}, "must be a whole number from 4 to 16000"),
     ({"betas": lambda values: [16_000] * len(values), "alphas": lambda values: [16_000] * len(values)}, "cells = "),
-    ({"ranks": pack(bytes(10))}, "ranks: must hold"),
-    ({"ranks": base64.b64encode(b"not packed").decode()}, "ranks: "),
-    ({"claims.other": 3}, "a value is missing or of the wrong kind"),
+    ({"ranks": base64.b64encode(b"not packed").decode()}, "ranks cannot be decoded: "),
+    ({"claims.other": 3}, "a value is missing or has the wrong type"),
     ({"claims.steps": True}, "claims.steps = True: must be a whole number"),
 ]
 
 
-@pytest.mark.parametrize(("change", "part"), HOSTILE)
-def test_hostile_files_are_refused_in_one_line(path, change, part):
+@pytest.mark.parametrize(("change", "part"), INVALID)
+def test_invalid_files_are_refused_in_one_line(path, change, part):
     content = json.loads(path.read_text())
     for name, value in change.items():
         *outer, last = name.split(".")
@@ -67,11 +64,11 @@ def test_hostile_files_are_refused_in_one_line(path, change, part):
     assert "\n" not in str(caught.value)
 
 
-def test_a_bomb_is_not_unpacked():
+def test_ranks_are_not_decompressed_beyond_their_size():
     bomb = pack(bytes(10**8))
     tracemalloc.start()
     try:
-        with pytest.raises(DiffbotError, match="must hold 10 bytes"):
+        with pytest.raises(DiffbotError, match="must contain 10 bytes"):
             unpack("ranks", bomb, 10)
         assert tracemalloc.get_traced_memory()[1] < 10**6
     finally:

@@ -1,22 +1,22 @@
-"""The checker passes what is proved and finds mistakes planted in a certificate, in its maker, and in itself."""
+"""The checker accepts a valid certificate and finds mistakes in a certificate and in its maker."""
 
 import numpy as np
 import pytest
 
 from diffbot_control.law.configuration import SwitchingConfig
 from diffbot_core.errors import DiffbotError
-from diffbot_lab.stability import checker, maker
+from diffbot_lab.stability import maker
 from diffbot_lab.stability.checker import cells_of, failing_kernel, verify
-from diffbot_lab.stability.checker_bounds import numbers_of
+from diffbot_lab.stability.checker_bounds import checker_loop
 from diffbot_lab.stability.file import first_cells
-from diffbot_lab.stability.plan import Contract, requesting
+from diffbot_lab.stability.plan import Contract, ideal_law
 from diffbot_lab.stability.runs import drive
 
 CONFIG = SwitchingConfig()
 CELL = "not verified: the cell rho"
 
 
-def test_a_certificate_is_verified(certificate):
+def test_a_valid_certificate_is_accepted(certificate):
     verify(certificate)
 
 
@@ -27,26 +27,26 @@ def remade(monkeypatch, certificate, name, change):
     return maker.certify(CONFIG, certificate.plan)
 
 
-@pytest.mark.parametrize("change", [{"weight": -0.8}, {"noise": 0.02}, {"turn_react": 0.4}])
-def test_a_wrong_sign_and_forgotten_noise_in_the_makers_law_are_found(monkeypatch, certificate, change):
+@pytest.mark.parametrize("change", [{"weight": -0.8}, {"noise": 0.02}])
+def test_a_wrong_sign_and_too_little_noise_in_the_maker_are_found(monkeypatch, certificate, change):
     wrong = remade(monkeypatch, certificate, "maker_loop", lambda loop: loop._replace(**change))
     with pytest.raises(DiffbotError, match="not verified"):
-        verify(wrong, threads=1)
+        verify(wrong)
 
 
 def test_a_maker_that_rounds_inward_is_found(monkeypatch, certificate):
-    """The padding of the images is 2e-5: 1e-4 m and rad more than that are the least that matters with these cells."""
-    hair = 1e-4
+    """The images are padded by 2e-5. With these cells, the smallest error that matters is 1e-4 more."""
+    error = 1e-4
 
     def shrunk(images):
         boxes = images.boxes.copy()
-        boxes[:, ::2] += hair
-        boxes[:, 1::2] -= hair
+        boxes[:, ::2] += error
+        boxes[:, 1::2] -= error
         return images._replace(boxes=boxes)
 
     wrong = remade(monkeypatch, certificate, "boxes_of_row", shrunk)
     with pytest.raises(DiffbotError, match=CELL):
-        verify(wrong, threads=1)
+        verify(wrong)
 
 
 def changed(certificate, at, rank):
@@ -60,8 +60,8 @@ def claiming(certificate, **changes):
 
 
 def test_ranks_that_are_one_too_small_are_found(certificate):
-    """Nearly all: a few are larger than they have to be, as the maker's images are wider here and there."""
-    loop = numbers_of(requesting(CONFIG, certificate.plan), certificate.plan)
+    """Not all are found, because some ranks of the maker are larger than necessary."""
+    loop = checker_loop(ideal_law(CONFIG, certificate.plan), certificate.plan)
     first = first_cells(certificate.alphas, certificate.betas)
     found = 0
     for at in np.random.default_rng(1).choice(np.flatnonzero(certificate.ranks > 1), 40, replace=False):
@@ -79,7 +79,7 @@ def test_ranks_that_are_one_too_small_are_found(certificate):
 
 @pytest.mark.parametrize("rank", [0, 12])
 def test_a_cell_that_is_left_out_is_found(certificate, rank):
-    """Within the start at once, and otherwise at the cells that lead to it."""
+    """The checker finds it in the claim of the start, and otherwise at the cells that lead to it."""
     at = int(np.flatnonzero(certificate.ranks == rank)[-1 if rank == 0 else 0])
     missing = changed(certificate, at, -1)
     with pytest.raises(DiffbotError, match=r"claims\.start"):
@@ -97,15 +97,15 @@ def test_claims_that_are_too_good_are_found(certificate, claim):
 
 
 def test_a_seed_that_is_not_all_in_the_core_is_found(certificate):
-    with pytest.raises(DiffbotError, match="not all within it is in the core"):
+    with pytest.raises(DiffbotError, match="not all states within it are in the core"):
         verify(changed(certificate, 0, 1))
-    with pytest.raises(DiffbotError, match="not all within it is in the core"):
+    with pytest.raises(DiffbotError, match="not all states within it are in the core"):
         verify(claiming(certificate, seed=certificate.rho[-1] + 1.0))
 
 
 def test_edges_that_begin_too_near_or_too_far_are_found(certificate):
     near = np.concatenate(([0.05], certificate.rho[1:]))
-    with pytest.raises(DiffbotError, match=r"rho begins at 0.05 m, must be above 0.0606"):
+    with pytest.raises(DiffbotError, match=r"rho begins at 0.05 m, but must be above 0.0606"):
         verify(certificate._replace(rho=near))
     first = first_cells(certificate.alphas, certificate.betas)
     row = int(np.searchsorted(certificate.rho, certificate.claims.seed)) - 1
@@ -127,7 +127,7 @@ def test_a_certificate_of_another_law_or_contract_is_found(certificate):
     with pytest.raises(DiffbotError, match="not verified"):
         verify(certificate._replace(plan=certificate.plan._replace(contract=contract)))
     wide = CONFIG._replace(tolerance=CONFIG.tolerance._replace(xy_goal_tolerance=1.2))
-    with pytest.raises(DiffbotError, match=r"claims\.seed = 1\.3 m, Omega_L may lead to"):
+    with pytest.raises(DiffbotError, match=r"claims\.seed = 1\.3 m, but Omega_L may lead to"):
         verify(certificate._replace(config=wide))
 
 
@@ -140,11 +140,3 @@ def test_bounds_that_grow_with_the_distance_are_checked_at_each_distance(plan, c
     for steeper in ({"position_slope": 0.012}, {"theta_slope": 0.015}, {"sigma_slope": 0.02}):
         with pytest.raises(DiffbotError, match="not verified"):
             verify(sloped._replace(plan=plan._replace(contract=contract._replace(**steeper))))
-
-
-@pytest.mark.parametrize("change", [{"weight": -0.8}, {"noise": 0.06}])
-def test_a_checker_with_a_mistake_refuses_a_valid_certificate(monkeypatch, certificate, change):
-    usual = checker.numbers_of
-    monkeypatch.setattr(checker, "numbers_of", lambda *arguments: usual(*arguments)._replace(**change))
-    with pytest.raises(DiffbotError, match="not verified"):
-        verify(certificate, threads=1)
