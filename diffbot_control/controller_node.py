@@ -37,24 +37,24 @@ _HAS_POWER = {
     BatteryState.POWER_SUPPLY_STATUS_DISCHARGING: False,
     BatteryState.POWER_SUPPLY_STATUS_NOT_CHARGING: False,
 }
-"""True for the states of a battery in which a charger supplies the robot; other states say nothing about a charger"""
-_MIN_WATCH_PERIOD, _MAX_WATCH_PERIOD = 1e-3, 0.05
-"""[s] bounds of the period in which the node looks for missing poses and for waiting goals"""
+"""True if a charger supplies the robot in this state of the battery. The other states say nothing about a charger."""
+_MIN_TICK_PERIOD, _MAX_TICK_PERIOD = 1e-3, 0.05
+"""[s] bounds of the period of the timer that checks for missing poses and waiting goals"""
 _RECENT = 2.0
-"""[s] If poses arrived within this time and did not count, their stamps are wrong."""
+"""[s] If poses have arrived within this time, but none of them could be used, their stamps are wrong."""
 
 
 class PosePublisherWatch:
-    """Finds out why the controller receives no pose, from the graph and from ~/status of the publisher of the pose."""
+    """Finds out why the controller has no usable pose, from the ROS graph and ~/status of the publishing node."""
 
     def __init__(self, node: ControllerNode, topic: str) -> None:
-        """Store the controller, and the topic as the controller names it."""
+        """Store the controller, and the topic of the pose before remapping."""
         self._node, self._topic = node, topic
         self._name = self._status = ""
         """name and newest status of the publishing node"""
 
     def problem(self) -> str:
-        """Return why no pose counts, in words; called twice a second while the controller waits for a pose."""
+        """Return why there is no usable pose. Call this twice a second while the controller waits for a pose."""
         if text := self._node.input_problem(self._topic):
             return text
         topic = self._node.resolve_topic_name(self._topic)
@@ -76,7 +76,7 @@ class PosePublisherWatch:
 
 
 class ControllerNode(ManagedNode[ControllerNodeConfig]):
-    """Answers every pose with one command while the robot drives to a goal or holds it."""
+    """Answers every pose with one command while the robot drives to a goal or holds its goal."""
 
     moves_the_robot = True
     actions: type[ActionServers] = Nav2Actions
@@ -96,7 +96,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self._actions = serve(self.actions, self)
         self._switch: bool | None = None
         self._has_power = False
-        """newest report of the contact switch (None: no report); newest report that a charger supplies the robot"""
+        """newest state of the contact switch, None before the first message; True if a charger supplies the robot"""
         self.subscribe(Bool, "dock_contact", self._on_switch)
         self.subscribe(BatteryState, "battery_state", self._on_battery)
         self._pose_topic = "pose" if config.pose_source == "pose" else "odometry/filtered"
@@ -104,13 +104,13 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self._pose_publisher = PosePublisherWatch(self, self._pose_topic)
         self.publisher_watch.watch("cmd_vel", "drive the robot", config.commands.max_cmd_vel_publishers)
         self.publisher_watch.watch(self._pose_topic, "estimate the pose")
-        self._watch = self.create_timer(self._watch_period(), self._on_tick, clock=self.steady_clock)
+        self._tick_timer = self.create_timer(self._tick_period(), self._on_tick, clock=self.steady_clock)
         self.create_timer(_STATUS_PERIOD, self._on_status_tick, clock=self.steady_clock)
 
     def activate(self) -> None:
         """Start without a goal."""
         self._reset()
-        # With this message the subscribers can tell old goals from new ones.
+        # Subscribers use this message to tell old goals from new ones.
         self.goals.publish_changes(force=True)
         self.outputs.publish_status(self.supervisor)
 
@@ -119,7 +119,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         before, self.supervisor = self.supervisor, Supervisor(self.config.supervisor, self.supervisor.law)
         # The ends of earlier goals may not be published yet, and a switch may report only changes.
         self.supervisor.goals, self.supervisor.contact = before.goals, before.contact
-        # The first event: from now on a suspension is detected, even before the first pose.
+        # From this tick on, the supervisor detects that the process was suspended, even before the first pose.
         self.supervisor.on_tick(self.now(), time.monotonic())
 
     def deactivate(self) -> None:
@@ -132,7 +132,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self.goals.publish_changes()
 
     def halt(self) -> None:
-        """Stop the robot, and end the goal as not reached; the robot rests until the next goal."""
+        """Stop the robot after an error, and end the goal as not reached; the robot rests until the next goal."""
         if not self.is_active:
             return
         self.outputs.commands.send(STOP)  # first, because the rest may fail
@@ -169,7 +169,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
     def on_config(self, config: ControllerNodeConfig) -> None:
         """Use changed parameters from the next pose on."""
         self.supervisor.config = config.supervisor
-        self._watch.timer_period_ns = int(self._watch_period() * NS_PER_S)
+        self._tick_timer.timer_period_ns = int(self._tick_period() * NS_PER_S)
 
     def health_level(self) -> tuple[int, str]:
         """Return level and text for /diagnostics; the text begins with the state of the controller."""
@@ -183,29 +183,28 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         """Return the node's time [s]."""
         return self.clock_watch.now()
 
-    def _watch_period(self) -> float:
+    def _tick_period(self) -> float:
         # The end of pose_timeout, or a clock that stands still, is detected up to one period late.
-        return min(max(0.125 * self.config.supervisor.pose_timeout, _MIN_WATCH_PERIOD), _MAX_WATCH_PERIOD)
+        return min(max(0.125 * self.config.supervisor.pose_timeout, _MIN_TICK_PERIOD), _MAX_TICK_PERIOD)
 
     def _clock_problem(self) -> str:
         """Return why the clock is unreliable; empty if the robot may drive."""
         clock, supervisor = self.clock_watch, self.config.supervisor
         if clock.is_unreliable:
             return clock.problem or "time on /clock jumped back"
-        # In lock-step the plant waits for the answer, and time stands still until it comes.
+        # In lock-step the plant waits for the command, and time stands still until the command arrives.
         stands = not supervisor.publish_when_idle and clock.standstill() > supervisor.pose_timeout
         return (clock.problem or "time on /clock stands still") if stands else ""
 
     def _on_switch(self, message: Bool) -> None:
         self._switch = message.data
-        self._report_contact()
+        self._set_contact()
 
     def _on_battery(self, message: BatteryState) -> None:
-        # Other states say nothing about a charger.
         self._has_power = _HAS_POWER.get(message.power_supply_status, self._has_power)
-        self._report_contact()
+        self._set_contact()
 
-    def _report_contact(self) -> None:
+    def _set_contact(self) -> None:
         """Set the contact for the law.
 
         A closed switch means contact even if the battery does not charge, because a charger may pause.
@@ -220,7 +219,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self._answer(stamp, pose, self._fallback() if uncertainty is None else uncertainty)
 
     def take_pose(self, stamp: int, pose: Pose, uncertainty: Uncertainty) -> None:
-        """Handle an estimate of this process as if it had arrived in a message.
+        """Handle an estimate of an ekf in the same process as if it had arrived in a message.
 
         Args:
             stamp: [ns] time to which the pose belongs.
@@ -245,12 +244,12 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
             self.health.counted[f"{self._pose_topic} without a later stamp"] += 1
         if command is not None:
             self.outputs.commands.send(command, stamp)
-            self._report_limits()
+            self._report_lowered_limits()
         self.outputs.publish_navigation(stamp, supervisor)
         self._publish_changes()
         return supervisor.clock.advances
 
-    def _report_limits(self) -> None:
+    def _report_lowered_limits(self) -> None:
         if self.supervisor.is_beyond_limits:
             self.health.counted["commands beyond lowered limits"] += 1
             self.get_logger().warning(BEYOND_LIMITS, throttle_duration_sec=STATE_LOG_PERIOD)

@@ -1,8 +1,8 @@
 """The nodes ``dock_ekf`` and ``dock_controller`` in one process: filter and controller in the frame of the dock.
 
-They run beside the ekf and the controller that drive to goals in map. The filter turns detected_dock_pose and odom into
-dock/pose. The controller turns dock/pose and a goal (dock/goal_pose, ``diffbot dock`` or the action dock_robot) into
-cmd_vel.
+They run beside the nodes ekf and controller, which drive to goals in the frame map. The filter turns detected_dock_pose
+and odom into dock/pose. The controller turns dock/pose and a goal (dock/goal_pose, ``diffbot dock`` or the action
+dock_robot) into cmd_vel.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _IN_MAP = (
     *("pose", "odometry/filtered", "global_pose", "heading", "landmarks", "initialpose"),
     *("goal_pose", "goal_update", "path"),
 )
-"""Topics that the nodes in map use, too; here their names have the prefix ``dock/``."""
+"""Topics that the nodes in map also use. The nodes of the dock add the prefix ``dock/`` to their names."""
 CONTROLLER_DEFAULTS = MappingProxyType(
     {
         "law": Docking.name,
@@ -53,7 +53,7 @@ CONTROLLER_DEFAULTS = MappingProxyType(
 
 
 def remappings(name: str) -> list[str]:
-    """Return the arguments that name the node and add the prefix ``dock/`` to its topics."""
+    """Return the ROS arguments that set the name of the node and add the prefix ``dock/`` to its topics."""
     rules = [f"__node:={name}", *(f"{topic}:=dock/{topic}" for topic in _IN_MAP)]
     return ["--ros-args", *(word for rule in rules for word in ("-r", rule))]
 
@@ -61,7 +61,7 @@ def remappings(name: str) -> list[str]:
 _CHECK_PERIOD = 0.05
 """[s] period of the checks for a new goal while there are no poses"""
 _RELEASE_TIME = 0.5
-"""[s] time within which the controller in map drops its goal; a goal that it has afterwards is a new one"""
+"""[s] time for the controller in map to drop its goal when it is cancelled; a goal after this time is a new goal"""
 _UNDER_WAY = GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING
 
 
@@ -76,7 +76,7 @@ class DockEkfNode(EkfNode):
 
 
 class DockControllerNode(RobotControllerNode):
-    """The controller in the frame of the dock. It drives while its goal is newer than the goal of the one in map."""
+    """The controller in the frame of the dock. It drives while its goal is newer than that of ``controller``."""
 
     actions = DockActions
 
@@ -96,11 +96,11 @@ class DockControllerNode(RobotControllerNode):
     def configure(self) -> None:
         """Also subscribe to the goals of the controller in map."""
         super().configure()
-        self._accepted, self._began = 0, -math.inf
-        """number of accepted goals at the last check; [s] steady time at which the newest goal was detected"""
+        self._accepted, self._goal_time = 0, -math.inf
+        """number of accepted goals at the last check; [s] steady time of the check that found the newest goal"""
         self._in_map: GoalStatus | None = None
         self._before: GoalStatus | None = None
-        """newest goal of the controller in map: now, and when the newest goal of this controller was detected"""
+        """newest goal of the controller in map: now, and at ``_goal_time``"""
         self._cancel_in_map = self.create_client(Trigger, "controller/cancel")
         self.create_subscription(GoalStatusArray, "controller/goal_status", self._on_goals_in_map, LATCHED)
         self.create_timer(_CHECK_PERIOD, self._check_goals, clock=self.steady_clock)
@@ -113,14 +113,15 @@ class DockControllerNode(RobotControllerNode):
     def _check_goals(self) -> None:
         """Cancel the older goal if both this controller and the controller in map have one."""
         if self.supervisor.accepted != self._accepted:
-            self._accepted, self._began, self._before = self.supervisor.accepted, time.monotonic(), self._in_map
+            self._accepted, self._goal_time = self.supervisor.accepted, time.monotonic()
+            self._before = self._in_map
             if self._cancel_in_map.service_is_ready():
                 self._cancel_in_map.call_async(Trigger.Request())
             self._restart_filter_if_lost()
         elif (
             self._has_goal_in_map()
             and self.supervisor.goal is not None
-            and time.monotonic() - self._began > _RELEASE_TIME
+            and time.monotonic() - self._goal_time > _RELEASE_TIME
         ):
             self.goals.cancel("by a new goal of the controller in map")
 
@@ -135,16 +136,16 @@ class DockControllerNode(RobotControllerNode):
             self._ekf.restart()
 
     def _has_goal_in_map(self) -> bool:
-        """Return True if the controller in map drives, or has reached a new goal, which it may hold."""
+        """Return True if the controller in map drives to a goal, or has reached a new goal and may hold it."""
         if self._in_map is None or self._before is None:
             return False
         is_new = self._in_map.goal_info.goal_id != self._before.goal_info.goal_id
         return self._in_map.status in _UNDER_WAY or (is_new and self._in_map.status == GoalStatus.STATUS_SUCCEEDED)
 
     def _on_goals_in_map(self, message: GoalStatusArray) -> None:
-        # The newest goal is the last one. A controller that was restarted has no goals.
+        # The newest goal is the last one. After a restart of the controller in map, the list is empty.
         self._in_map = message.status_list[-1] if message.status_list else GoalStatus()
-        # The first message is latched, so it describes the past, even if it arrives after a docking has begun.
+        # The first message is latched: its goal is older than a docking that has begun before the message arrives.
         if self._before is None:
             self._before = self._in_map
 

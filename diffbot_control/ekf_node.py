@@ -52,24 +52,24 @@ STANDSTILL = "odometry stands still"
 _STATUS_PERIOD = 0.5
 """[s]"""
 _MAX_SLIP = 3.0
-"""[s] longest disagreement of wheels and gyro that is not reported"""
+"""[s] The node warns if wheels and gyro disagree for longer than this."""
 _FAULT_LOG_PERIOD = 60.0
 """[s] time between two log entries about the same fault of an input"""
 _SAVE_PERIOD = 5.0
 """[s] time between two saves of the state file; a crash loses at most this time"""
 
 PoseReceiver = Callable[[int, Pose, Uncertainty], None]
-"""Receives stamp [ns], pose in ``map_frame`` and uncertainty of an estimate."""
+"""Function that receives stamp [ns], pose in ``map_frame`` and uncertainty of an estimate."""
 
 
 class EkfNode(ManagedNode[EkfNodeConfig]):
-    """Answers each odometry message with one pose that has the same stamp."""
+    """Answers each odometry message with one pose with the same stamp."""
 
     pose_receiver: PoseReceiver | None = None
     """called with each estimate before it is published, see :mod:`robot_node`"""
 
     def __init__(self, **node_options: Any) -> None:
-        """Create the node, and start it if ``autostart`` is set."""
+        """Create the node; it is active afterwards if the parameter ``autostart`` is true."""
         super().__init__("ekf", EkfNodeConfig, **node_options)
 
     def configure(self) -> None:
@@ -126,7 +126,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         self._clock_steps = ForwardSteps()
         self._window_end = time.monotonic() + WINDOW
         self._faults: dict[str, str] = {}
-        """one text for each fault of the inputs, by the faulty input"""
+        """text for each fault of the inputs, by the name of the input"""
         self._fault_log = Throttle(_FAULT_LOG_PERIOD)
 
     def on_config(self, config: EkfNodeConfig) -> None:
@@ -136,7 +136,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         self._inputs = EkfInputs(config, self._sensor_transforms)
 
     def activate(self) -> None:
-        """Publish from the next odometry on; the filter also runs while the node is inactive."""
+        """Publish from the next odometry message on; the filter also runs while the node is inactive."""
         self._publish_status()
 
     def deactivate(self) -> None:
@@ -162,7 +162,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         return event is not None and (time.monotonic_ns() - event) * S_PER_NS <= self.config.sensor_timeout
 
     def _reason(self, state: str) -> str:
-        """Return the reason for a state; empty if the state needs none."""
+        """Return the reason for a state; empty if there is none."""
         faults = [] if state in (RUNNING, INACTIVE) else list(self._faults.values())
         if state == CONTRADICTED:
             faults.insert(0, self.localization.contradiction.cause)
@@ -189,7 +189,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         return int((DiagnosticStatus.WARN if state == WAITING else DiagnosticStatus.ERROR)[0])
 
     def health_level(self) -> tuple[int, str]:
-        """Return level and message of the node for /diagnostics."""
+        """Return level and text for /diagnostics; the text begins with the state of the filter."""
         level, text = super().health_level()
         state, consistency = self.state(), self.localization.consistency()
         warnings = []
@@ -242,7 +242,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
             if any(one.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL for one in publishers):
                 receive = self.contained(partial(self._on_latched, topic), topic)
                 kind = _message_class(sensor.message_type)
-                # Not by subscribe(), since QoS parameters of the topic apply to its other subscription.
+                # Not by self.subscribe(), because the QoS parameters of the topic are for its other subscription.
                 self._latched[topic] = Node.create_subscription(self, kind, topic, receive, LATCHED)
 
     def _on_latched(self, topic: str, message: Any) -> None:
@@ -250,7 +250,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
             self._on_sensor(topic, message)
 
     def _drop_one(self, topic: str, error: BadMessageError) -> None:
-        """Count and log one dropped measurement of a message with several measurements."""
+        """Count a dropped measurement of a message with several measurements, and log the first one."""
         if self.health.drop(topic, error.kind, str(error)):
             self.get_logger().warning(f"{topic}: dropped: {error} (logged once; see /diagnostics)")
 
@@ -304,7 +304,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         self._newest = estimate, step
 
     def _on_odometry_pose(self, message: Odometry) -> None:
-        """Publish map -> odom while joint_states predict the motion."""
+        """Publish map -> odom if joint_states is the odometry of the filter."""
         stamp, in_odom = self._inputs.odometry(message).stamp, pose_of(message.pose.pose)
         if self._transforms is None or self._newest is None:
             return
@@ -317,19 +317,19 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
             self._transforms.send(stamp, move(estimate.pose, twist, dt), in_odom)
 
     def _fuse_odometry(self, odometry: OdometryStep) -> FilterEstimate:
-        """Move the filter to the stamp of an odometry, and publish the estimate if the node is active."""
+        """Move the filter to the stamp of an odometry message, and publish the estimate if the node is active."""
         self._last_arrival = now = time.monotonic_ns()
         self._watch.clocks.add(self.config.odometry_source, odometry.stamp, self._now_ns())
-        acts_for, is_simulated = math.inf, self.clock_watch.is_simulated
+        valid_for, is_simulated = math.inf, self.clock_watch.is_simulated
         self.localization.time_restarts = is_simulated
         if not is_simulated:
-            acts_for = self._clock_steps.passed(odometry.stamp, now * S_PER_NS)
+            valid_for = self._clock_steps.passed(odometry.stamp, now * S_PER_NS)
         advances = self._odometry_stamps.advances(odometry.stamp)
         if advances and not self.localization.initialised:
-            # Without a fix, on_odometry raises an error also for a valid odometry.
+            # Before the first fix, on_odometry raises an error even for a valid message.
             self._last_odometry = now
-        estimate = self.localization.on_odometry(odometry, acts_for)
-        if acts_for < math.inf:
+        estimate = self.localization.on_odometry(odometry, valid_for)
+        if valid_for < math.inf:
             self.health.counted["forward steps of the odometry clock"] += 1
         if advances:
             self._last_odometry = now
@@ -351,7 +351,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         return estimate
 
     def _call_receiver(self, estimate: FilterEstimate, receiver: PoseReceiver) -> None:
-        """Pass an estimate to the controller of this process, with the numbers that a message would contain."""
+        """Pass an estimate to the controller in this process, with the numbers that a message would contain."""
         pose, uncertainty = pose_in_message(estimate.pose), uncertainty_of(estimate.P)
         # The controller would drop a message that is not finite.
         if math.isfinite(sum(pose) + sum(uncertainty)):

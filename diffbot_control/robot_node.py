@@ -12,7 +12,7 @@ from diffbot_core.ros.run import run
 
 
 class RobotControllerNode(ControllerNode):
-    """The controller, which receives poses by calls of the ekf in the same process."""
+    """A controller that the ekf in the same process calls with each pose."""
 
     def __init__(self, ekf: EkfNode, **node_options: Any) -> None:
         """Create the node.
@@ -33,7 +33,7 @@ class RobotControllerNode(ControllerNode):
             self.get_logger().info(f"{topic} is not published by the ekf of this process: subscribing to it")
             super()._receive_poses(topic)
             return
-        # A message would be checked for these frames.
+        # A subscription would check these frames in each message.
         for frame in ("map_frame",) if topic == "pose" else ("map_frame", "base_link_frame", "frame_prefix"):
             mine, other = getattr(self.config, frame), getattr(self._ekf.config, frame)
             if mine != other:
@@ -45,7 +45,7 @@ class RobotControllerNode(ControllerNode):
 
 
 def make_nodes() -> Iterator[EkfNode | ControllerNode]:
-    """Create the two nodes, the filter first."""
+    """Create the filter, then the controller."""
     ekf = EkfNode()
     yield ekf
     yield RobotControllerNode(ekf)

@@ -48,7 +48,7 @@ def states() -> str:
             parts: list[str] = []
             if found := TABLE[state].get(event):
                 next_state = found.state.value if found.state is not state else ""
-                parts = [next_state, found.command.value, f"**{found.answer}**" if found.answer else ""]
+                parts = [next_state, found.command.value, f"**{found.end}**" if found.end else ""]
             cells.append("; ".join(part for part in parts if part))
         lines.append(f"| {event.value} | " + " | ".join(cells) + " |")
     return "\n".join(lines)

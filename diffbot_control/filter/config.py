@@ -1,4 +1,4 @@
-"""Parameters of the filter, its sources and its map, and the options that are computed from them."""
+"""Parameters of the filter, its sources and its map, and the options of the filter computed from them."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ GLOBAL_POSE = "global_pose"
 _MAX_TIME = 1e4
 """[s] largest correlation time; an error that lasts longer is a constant offset"""
 _MAX_SIGMAS, _MAX_ERROR = 5.0, 0.1
-"""Bound of an estimated wheel error: five initial deviations, but at least 10 %. If the bound is exceeded, the wheel
-slips. With a gyro, the second bound of a radius error is larger, since part of the slip is estimated as a radius error,
-see :func:`ekf.take_rate`."""
+"""Bound of an estimated wheel error: five initial deviations, but at least 10 %. An error beyond the bound is slip, not
+an error of the wheel. With a gyro, MAX_SLIP replaces the 10 % for radius errors, because the filter then explains slip
+by radius errors, see :func:`ekf.take_rate`."""
 _WHEEL_WALK, _BIAS_WALK = 1e-4, 1e-4
 """[1/sqrt(s)], [rad/s/sqrt(s)] random-walk deviations of the wheel errors and of the gyro bias"""
 _LANDMARK_SIGMAS = 0.05, 0.01, 0.01
-"""[m], [-], [rad] Initial deviations of range offset, range scale and bearing offset. They are typical of lidars and
-cameras, and the filter estimates the errors much better within one drive."""
+"""[m], [-], [rad] Initial deviations of range offset, range scale and bearing offset, typical of lidars and cameras.
+Within one drive, the filter estimates the errors much more accurately."""
 _MAX_SOURCES = 8
 MIN_SIGMA, MAX_SIGMA = 1e-4, 1e3
 """[m], [rad] smallest and largest standard deviation for which the filter is numerically accurate"""
@@ -50,7 +50,8 @@ class FilterConfig(NamedTuple):
 
     filter: Annotated[str, Spec("variant of the filter", choices=FILTERS, read_only=True)] = CALIBRATING
     gate_probability: Annotated[
-        float, Spec("share of good measurements that pass the chi-square gate; 1: no gate", minimum=0.5, maximum=1.0)
+        float,
+        Spec("probability that a correct measurement passes the chi-square gate; 1: no gate", minimum=0.5, maximum=1.0),
     ] = 0.999
     relocation_fixes: Annotated[
         int,
@@ -158,7 +159,7 @@ class PoseSources(NamedTuple):
     pose_source_sigma_xy: Annotated[
         tuple[float, ...],
         Spec(
-            "deviation of x and y of each source without a usable covariance; 0 or empty: drop the fix",
+            "deviation of x and y of each source, for fixes without a usable covariance; 0 or empty: drop these fixes",
             "m",
             minimum=0.0,
             maximum=MAX_SIGMA,
@@ -167,7 +168,8 @@ class PoseSources(NamedTuple):
     pose_source_sigma_yaw: Annotated[
         tuple[float, ...],
         Spec(
-            "deviation of the heading of each source; 0 or empty: drop the fix; pi or more: no heading",
+            "deviation of the heading of each source, for fixes without a usable covariance; 0 or empty: drop these "
+            "fixes; pi or more: the fixes have no heading",
             "rad",
             minimum=0.0,
             maximum=MAX_SIGMA,
@@ -194,7 +196,9 @@ class PoseSources(NamedTuple):
                 raise InvalidValueError("pose_sources", name, "the name of a topic")
         for field, values in zip(self._fields[1:], self[1:], strict=True):
             if len(values) not in (0, len(names)):
-                raise InvalidValueError(field, list(values), f"empty or as many as pose_sources: {len(names)}")
+                raise InvalidValueError(
+                    field, list(values), f"empty or {len(names)} values, one for each of pose_sources"
+                )
         for field in ("pose_source_sigma_xy", "pose_source_sigma_yaw"):
             if any(0.0 < sigma < MIN_SIGMA for sigma in getattr(self, field)):
                 raise InvalidValueError(field, list(getattr(self, field)), f"0 or >= {MIN_SIGMA:g} each")
@@ -232,7 +236,7 @@ class LandmarkMap(NamedTuple):
             raise InvalidValueError("landmark_ids", list(self.landmark_ids), sentence="two landmarks have the same id")
         for name, values in (("landmark_x", self.landmark_x), ("landmark_y", self.landmark_y)):
             if len(values) != count:
-                raise InvalidValueError(name, list(values), f"as many as landmark_ids: {count}")
+                raise InvalidValueError(name, list(values), f"{count} values, one for each of landmark_ids")
 
     def points(self) -> dict[int, Point]:
         """Return the positions [m] by id, sorted by position, so that the order of the lists does not matter."""
@@ -244,7 +248,9 @@ class LandmarkMap(NamedTuple):
 class LocalizationConfig(NamedTuple):
     """Parameters of the fusion."""
 
-    history_length: Annotated[float, Spec("how late a measurement may arrive", "s", minimum=0.0, maximum=60.0)] = 1.0
+    history_length: Annotated[
+        float, Spec("largest time by which a measurement may arrive late", "s", minimum=0.0, maximum=60.0)
+    ] = 1.0
     filter: FilterConfig = FilterConfig()
     odometry: OdometryConfig = OdometryConfig()
     sources: PoseSources = PoseSources()

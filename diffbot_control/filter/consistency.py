@@ -24,7 +24,7 @@ within 15 minutes with a probability of 0.5 %."""
 _STEPS = 200
 """Largest number of Newton steps to a quantile; six are usual."""
 _TOLERANCE = 1e-12
-"""Relative size of the last step; the error is about its square."""
+"""Relative size of the last Newton step; the relative error is about its square."""
 
 
 class SourceConsistency(NamedTuple):
@@ -52,15 +52,15 @@ class SourceConsistency(NamedTuple):
     def is_correlated(self) -> bool:
         """True if the innovations are significantly more correlated than the filter assumes the errors to be.
 
-        The innovations have the autocorrelation of the errors if the filter does not follow the errors, and a smaller
-        one if it does.
+        If the filter does not follow the errors, the innovations have the same autocorrelation as the errors. If it
+        does, their autocorrelation is smaller.
         """
         alarm = _SIGMAS_ALARM / _SIGMAS_95 * self.bound
         return self.autocorrelation is not None and self.autocorrelation > self.assumed + alarm
 
 
 def survival(x: float, dof: int) -> float:
-    """Return the probability that a chi-square number of ``dof`` degrees of freedom exceeds ``x`` >= 0.
+    """Return the probability that a chi-square variable with ``dof`` degrees of freedom exceeds ``x`` >= 0.
 
     Abramowitz and Stegun, Handbook of Mathematical Functions, 26.4.4 (odd ``dof``) and 26.4.5 (even ``dof``).
     """
@@ -78,21 +78,22 @@ def survival(x: float, dof: int) -> float:
 
 @lru_cache(maxsize=1024)
 def chi_square_bound(dof: int, tail: float) -> float:
-    """Return the bound that a chi-square number of ``dof`` degrees of freedom exceeds with probability ``tail``."""
+    """Return the bound that a chi-square variable with ``dof`` degrees of freedom exceeds with probability ``tail``."""
     low, high = 0.0, float(dof)
     while survival(high, dof) > tail:
         low, high = high, 2.0 * high
     x = 0.5 * (low + high)
     for _ in range(_STEPS):
-        found = survival(x, dof)
-        low, high = (x, high) if found > tail else (low, x)
+        probability = survival(x, dof)
+        low, high = (x, high) if probability > tail else (low, x)
         density = math.exp((0.5 * dof - 1.0) * math.log(0.5 * x) - 0.5 * x - math.lgamma(0.5 * dof)) / 2.0
         # Newton step on the logarithm, which is nearly linear in the tail; bisection if the step leaves the bracket.
-        step = x + found / density * math.log(found / tail) if found > 0.0 and density > 0.0 else math.nan
-        step = step if low <= step <= high else 0.5 * (low + high)
-        if abs(step - x) <= _TOLERANCE * x:
-            return step
-        x = step
+        newton = math.nan
+        if probability > 0.0 and density > 0.0:
+            newton = x + probability / density * math.log(probability / tail)
+        last, x = x, newton if low <= newton <= high else 0.5 * (low + high)
+        if abs(x - last) <= _TOLERANCE * last:
+            break
     return x
 
 

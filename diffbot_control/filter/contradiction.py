@@ -24,20 +24,20 @@ WINDOW = 10 * 10**9
 QUIET_TIME = 60 * 10**9
 """[ns] A contradiction without new signs ends after this time."""
 FROZEN_FIXES, FROZEN_DISTANCE = 5, 0.5
-"""Number of successive equal fixes, and distance [m] that the odometry moves meanwhile, that are a contradiction."""
+"""This number of equal fixes in a row is a contradiction if the odometry moves at least this distance [m] meanwhile."""
 MAX_NIS_RATIO, MAX_CORRELATION = 10.0, 0.8
-"""Mean NIS over its alarm bound, and autocorrelation of the innovations. If both bounds are exceeded, there is a
+"""Bounds of mean NIS / alarm bound, and of the autocorrelation of the innovations. If both are exceeded, there is a
 contradiction. The innovations of outliers are also large, but not correlated."""
 RELOCATING, FROZEN = "fixes contradict the odometry", "fixes stand still while the odometry moves"
 
 
 class Contradiction(NamedTuple):
-    """Memory of the signs."""
+    """Memory of the signs of a contradiction."""
 
     relocations: tuple[int, ...] = ()
     """[ns] stamps of the newest relocations, at most MAX_RELOCATIONS"""
     fix: tuple[float, ...] = ()
-    """numbers of the newest fix of global_pose"""
+    """measured numbers of the newest fix of global_pose"""
     repetitions: int = 1
     """number of successive fixes with these numbers"""
     distance: float = 0.0
@@ -62,7 +62,7 @@ def with_relocation(memory: Contradiction, stamp: int) -> Contradiction:
 
 
 def with_fix(memory: Contradiction, stamp: int, fix: tuple[float, ...]) -> Contradiction:
-    """Add the numbers of a fix of global_pose."""
+    """Add the measured numbers of a fix of global_pose."""
     if fix != memory.fix:
         return memory._replace(fix=fix, repetitions=1, distance=0.0)
     memory = memory._replace(repetitions=memory.repetitions + 1)
@@ -72,14 +72,14 @@ def with_fix(memory: Contradiction, stamp: int, fix: tuple[float, ...]) -> Contr
 
 
 def with_innovations(memory: Contradiction, stamp: int, nis_ratio: float, correlation: float) -> Contradiction:
-    """Add the mean NIS over its alarm bound, and the autocorrelation, of the newest innovations of fixes."""
+    """Add the ratio of mean NIS to its alarm bound, and the autocorrelation, of the newest innovations of fixes."""
     if nis_ratio > MAX_NIS_RATIO and correlation > MAX_CORRELATION:
         return memory._replace(cause=RELOCATING, since=stamp)
     return memory
 
 
 def with_motion(memory: Contradiction, stamp: int, distance: float) -> Contradiction:
-    """Add a motion of the odometry over ``distance`` [m] up to ``stamp``, and end an old contradiction."""
+    """Add a motion of the odometry over ``distance`` [m] that ends at ``stamp``, and end an old contradiction."""
     memory = memory._replace(distance=memory.distance + distance)
     if memory.cause and stamp - memory.since > QUIET_TIME:
         return memory._replace(cause="", relocations=())

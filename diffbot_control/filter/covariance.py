@@ -16,11 +16,11 @@ from diffbot_core.uncertainty import Uncertainty, largest_deviation
 _ASYMMETRY = 1e-6
 """Largest relative difference of mirrored entries; rounding to single precision causes a smaller difference."""
 _MIN_PIVOT = 1e-14
-"""[m^2], [rad^2] smallest conditional variance; a smaller one may only differ from 0 by rounding"""
+"""[m^2], [rad^2] smallest conditional variance; a smaller one may be a rounding error of 0"""
 _MAX_VARIANCE = 1e8
 """[m^2], [rad^2] largest variance; a larger number is an error or a code for 'unknown'"""
 _SINGULAR = 1e-9
-"""Largest relative size of a negative pivot that rounding causes in a singular matrix."""
+"""Largest size of a negative pivot, relative to the largest variance, that rounding causes in a singular matrix."""
 
 
 class UnknownCovarianceError(BadMessageError):

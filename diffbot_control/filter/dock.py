@@ -64,7 +64,7 @@ class DockedPose(NamedTuple):
     """[rad]"""
 
     def robot(self, marker: Pose) -> Pose:
-        """Return the pose of the robot in the frame of the dock, given the marker in the frame of the robot."""
+        """Return the pose of the robot in the frame of the dock; ``marker`` is in the frame of the robot."""
         return robot_at_dock(out_of_frame(Pose(*self), marker))
 
     def covariance(self, marker: Pose, R: NDArray[np.float64]) -> NDArray[np.float64]:

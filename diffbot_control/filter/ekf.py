@@ -4,8 +4,8 @@ The functions run as plain Python and, compiled unchanged, in the simulation. :m
 
 The gate treats fixes and other measurements differently:
 
-- A fix beyond the gate is rejected. It starts a second hypothesis, the candidate, which the odometry also moves. If the
-  following fixes agree with the candidate, the robot was carried away or has slipped, and the candidate replaces the
+- A fix beyond the gate is rejected. It starts a second hypothesis, the candidate, which is also predicted. If the
+  following fixes agree with the candidate, the robot was carried away or has slipped. Then the candidate replaces the
   estimate. Outliers do not agree with each other.
 - Any other measurement beyond the gate corrects the estimate with a gain multiplied by bound / NIS. This correction
   decreases with 1 / |y|: an outlier does little harm, but a wrong estimate still converges.
@@ -19,6 +19,7 @@ import numpy as np
 
 from diffbot_control.filter import kalman, noise, state
 from diffbot_control.filter.models import (
+    BEARING,
     BIAS,
     HEADING,
     LANDMARK,
@@ -47,16 +48,16 @@ from diffbot_core.kinematics import scale_twist_covariance
 
 ACCEPTED, REJECTED, RELOCATED, IGNORED, WEIGHED = 0, 1, 2, 3, 4
 """Outcomes of a measurement. ACCEPTED: it corrected the estimate. REJECTED: the fix corrected or started the candidate.
-RELOCATED: the candidate replaced the estimate. IGNORED: it is not defined at the estimate. WEIGHED: it corrected the
-estimate with a reduced gain."""
+RELOCATED: the candidate replaced the estimate. IGNORED: its expected value is not defined at the estimate. WEIGHED: it
+corrected the estimate with a reduced gain."""
 _SLACK_UP, _SLACK_DOWN = 0.2, 0.05
-"""Increase of the slack per rejected fix, and decrease per accepted fix. The slack grows if the gate rejects more than
-one fifth of the fixes, which shows that the covariances are too small."""
+"""Increase per rejected fix, and decrease per accepted fix, of the slack: the log of a factor on the bound of the gate.
+The slack grows if the gate rejects more than one fifth of the fixes, which shows that the covariances are too small."""
 _RELOCATION_TIME = 1.5
 """[s] If all fixes are rejected for this time, the newest fix relocates the filter, even if the fixes do not agree."""
 _TURNED_VARIANCE = 0.04
-"""[rad^2] If the heading variance is larger, a correction moves the robot along an arc. Below it, arc and straight line
-agree to first order."""
+"""[rad^2] If the heading variance is larger, a correction moves the robot along an arc. Otherwise a straight line is
+used, which agrees with the arc to first order."""
 _SENSOR_AS_CONFIGURED = 0.5
 """Prior probability that the errors of the landmark sensor are exactly as configured."""
 _SLIP_TIME = 2.0
@@ -65,13 +66,13 @@ delay disagrees with the wheels."""
 _SLIP_BOUND = 40.0
 """Bound of the squared mean innovation over its variance; white innovations do not exceed it."""
 _SLIP_GROWTH = 9.0
-"""Squared ratio of the final innovation to the mean innovation at detection."""
+"""Squared ratio of the innovation that the slip will finally cause to the mean innovation when it is detected."""
 MAX_SLIP = 0.2
-"""Largest relative radius error that the filter uses to explain slip."""
+"""Largest relative radius error by which the filter explains slip."""
 
 
 def predict(filter_: FilterState, options: Options, motion: Motion) -> None:
-    """Move the estimate and the candidate."""
+    """Predict the estimate and the candidate over a motion."""
     if options.fuzzy:
         factor = noise.q_scale(filter_.noise[0])
         covariance = scale_twist_covariance(motion.covariance, factor)
@@ -88,7 +89,7 @@ def predict(filter_: FilterState, options: Options, motion: Motion) -> None:
 
 
 def move_state(x: Array, P: Array, options: Options, motion: Motion) -> None:
-    """Move mean ``x`` (n,) and covariance ``P`` (n, n) in place."""
+    """Predict mean ``x`` (n,) and covariance ``P`` (n, n) over a motion in place."""
     moved = transition(x, motion, options.separation)
     for i in range(options.size - WHEELS):
         if i < 3 and options.variances[i] > 0.0:
@@ -121,7 +122,7 @@ def normalised_square(y: Array, S: Array) -> float:
 
 
 def take(filter_: FilterState, options: Options, reading: Reading) -> int:
-    """Gate a measurement, use it accordingly, and return the outcome, e.g. ACCEPTED."""
+    """Apply the gate to a measurement, correct with it, and return the outcome, e.g. ACCEPTED."""
     if not is_defined(reading, filter_.x):
         return IGNORED
     expected, S = innovation(filter_, options, reading)
@@ -189,7 +190,8 @@ def correct_state(x: Array, P: Array, options: Options, expected: Expected, infl
         options: options of the filter.
         expected: measurement compared with the mean.
         inflation: factor on R.
-        weight: factor on the innovation covariance S if above 1; beyond the gate it is NIS / bound.
+        weight: factor on the innovation covariance S, ignored if below 1; NIS / bound for a measurement beyond the
+            gate.
     """
     R = inflation * expected.R
     if weight > 1.0:
@@ -218,7 +220,7 @@ def _turn_rows(P: Array, sine: float, cosine: float) -> None:
 
 
 def _reset_implausible_wheels(x: Array, P: Array, options: Options) -> None:
-    """Reset the wheel errors if one of them exceeds its bound, since then a wheel slips."""
+    """Reset the wheel errors if one of them exceeds its bound, which shows that a wheel slips."""
     errors, variances = options.errors, options.variances
     radii = max(abs(float(x[3]) - errors[0]), abs(float(x[4]) - errors[1]))
     if radii <= options.max_radius_error and abs(float(x[5]) - errors[2]) <= options.max_separation_error:
@@ -299,7 +301,7 @@ def _noise_factor(row: Array, reading: Reading) -> float:
     """Return the estimated factor on R of a source, as the geometric mean over the scalars of a measurement."""
     position, angle = noise.scale_of(row, False), noise.scale_of(row, True)
     share = 1.0 / 3.0 if reading.kind == POSE_FIX else 0.5 if reading.kind == LANDMARK else 0.0
-    if reading.kind == HEADING:
+    if reading.kind in (HEADING, BEARING):
         share = 1.0
     inflation = noise.inflation(row, float(row[noise.PERIOD]), 0.0, reading.kind >= LANDMARK)
     return float(position ** (1.0 - share) * angle**share) * inflation
@@ -333,7 +335,7 @@ def _reject(filter_: FilterState, options: Options, reading: Reading, bound: flo
         return REJECTED
     filter_.x[:] = x
     filter_.P[:, :] = P
-    # Fixes that agree with each other were not noise, so rejecting them does not show that the gate is too narrow.
+    # Rejected fixes that agree with each other do not show that the gate is too narrow.
     slack = max(gate[state.SLACK] - gate[state.AGREEING] * _SLACK_UP, 0.0) if enough else gate[state.SLACK]
     gate[: state.HAS_CANDIDATE + 1] = 0.0
     gate[state.SLACK] = slack
@@ -345,9 +347,9 @@ def take_rate(filter_: FilterState, options: Options, motion: Motion) -> float:
     """Correct the gyro bias and the wheel errors with the turn rate of a motion.
 
     When a wheel starts or stops slipping, the innovations keep one sign. The variances of the radius errors are then
-    increased until they explain the innovations, and the filter estimates the radii again. Turn rates beyond the gate
-    are excluded from this, so that a broken gyro is not explained by slip. Equal slip of both wheels is not detected,
-    since it does not change the turn rate.
+    increased until they explain the innovations, and the filter estimates the radii again. A turn rate beyond the gate
+    does not increase them, so that the filter does not explain a broken gyro by slip. Equal slip of both wheels is not
+    detected, since it does not change the turn rate.
 
     Returns:
         The difference [rad/s] between gyro and wheels if it is beyond the gate, else 0. Beyond the gate, the turn rate
@@ -379,7 +381,7 @@ def _inflate_radii_on_slip(filter_: FilterState, dt: float, y: float, S: float, 
     mean = filter_.gate[state.DISAGREEMENT] + share * (y / math.sqrt(S) - filter_.gate[state.DISAGREEMENT])
     filter_.gate[state.DISAGREEMENT] = mean
     squared = mean * mean * S
-    # The mean of white innovations has the variance share / (2 - share). The second condition excludes wheels at rest.
+    # The mean of white innovations has the variance share / (2 - share). The second condition fails for wheels at rest.
     if mean * mean * (2.0 - share) > _SLIP_BOUND * share and squared <= MAX_SLIP * MAX_SLIP * sensitivity:
         filter_.gate[state.DISAGREEMENT] = 0.0
         # Either radius may have changed, so both variances increase equally.
@@ -393,8 +395,9 @@ def average(filter_: FilterState, options: Options) -> tuple[Array, Array]:
 
     Hypothesis 1: the errors are exactly as configured. Hypothesis 2: they differ. Estimating an error that does not
     exist costs accuracy, so neither hypothesis alone is good for all robots. The filter runs under hypothesis 2. Its
-    estimate conditioned on the configured errors is the estimate under hypothesis 1. The present over the initial
-    density at the configured errors is the Bayes factor of hypothesis 1 (Savage-Dickey density ratio).
+    estimate conditioned on the configured errors is the estimate under hypothesis 1. The Bayes factor of hypothesis 1
+    is the current density of the errors at the configured values, divided by the initial density there (Savage-Dickey
+    density ratio).
     """
     x, P = filter_.x.copy(), filter_.P.copy()
     if options.size > WHEELS:

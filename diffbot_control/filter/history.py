@@ -1,4 +1,4 @@
-"""The bounded history of odometry steps and their measurements, sorted by stamp.
+"""The history of the newest odometry steps and their measurements, sorted by stamp.
 
 A measurement with a stamp after the newest odometry waits until a step covers its stamp. An earlier measurement is
 inserted into the step that covers its stamp, and the caller computes this step and all later steps again.
@@ -28,16 +28,16 @@ _stamp_of = attrgetter("stamp")
 
 @dataclass(slots=True)
 class HistoryStep:
-    """One odometry step, with everything that is needed to compute it again."""
+    """One odometry step, with all inputs that are needed to compute it again."""
 
     start: int
     """[ns]"""
     odometry: OdometryStep
     """mean twist; its stamp is the end of the step"""
     whole: int
-    """[ns] duration of the odometry message or gap, of which the step may be a part"""
+    """[ns] duration of the whole odometry message or gap; the step may be a part of it"""
     is_gap: bool
-    """True: the odometry has a gap here, so the motion is unknown"""
+    """True if the odometry has a gap here, so that the motion is unknown"""
     memory: Array
     """memory of the filter at the start of the step"""
     measurements: list[Measurement] = field(default_factory=list)
@@ -101,7 +101,7 @@ class History:
         """
         if len(self._waiting) >= _MAX_WAITING:
             if measurement.stamp >= self._waiting[-1].stamp:
-                raise BadMessageError("no odometry for it", f"{_MAX_WAITING} measurements wait already")
+                raise BadMessageError("no odometry at its stamp", f"{_MAX_WAITING} measurements already wait")
             # Drop the measurement with the latest stamp: a sender with a wrong clock must not block other senders.
             self._forget_key(self._waiting.pop())
         insort(self._waiting, measurement, key=_key_of)
@@ -139,7 +139,7 @@ class History:
         if position < len(samples) and samples[position].stamp == sample.stamp:
             raise BadMessageError("duplicate")
         if index is None and len(samples) >= _MAX_WAITING_GYRO:
-            raise BadMessageError("no odometry for it", f"{_MAX_WAITING_GYRO} samples wait already")
+            raise BadMessageError("no odometry at its stamp", f"{_MAX_WAITING_GYRO} samples already wait")
         samples.insert(position, sample)
         return index
 
@@ -149,15 +149,17 @@ class History:
             # A stamp equal to the start of the history belongs to the state that the history starts from.
             if start < stamp or (index == 0 and start == stamp):
                 return index
-        raise BadMessageError("too old", f"{(now - stamp) * S_PER_NS:.3f} s behind the odometry, before the history")
+        raise BadMessageError(
+            "too old", f"{(now - stamp) * S_PER_NS:.3f} s older than the odometry, before the history"
+        )
 
     def trim(self, length: int) -> None:
-        """Drop the steps that ended more than ``length`` [ns] before the newest step, and the keys of these steps."""
+        """Drop the steps that end more than ``length`` [ns] before the newest step, and keys of the same age."""
         oldest = self.steps[-1].odometry.stamp - length
         while self.steps[0].odometry.stamp < oldest:
             self.steps.popleft()
-        # Keys are in order of arrival, so keys of late measurements are kept a little longer than necessary. A key with
-        # a stamp far in the future stops this loop; then _MAX_KEYS bounds the number of keys.
+        # Keys are in order of arrival, so the keys of late measurements are kept a little longer than necessary. A key
+        # with a stamp far in the future stops this loop until _MAX_KEYS newer keys have replaced it.
         while self._keys and next(iter(self._keys))[0] < oldest:
             self._keys.popitem(last=False)
 
@@ -181,5 +183,5 @@ class History:
         self._waiting_gyro.clear()
 
     def _forget_key(self, dropped: Measurement) -> None:
-        """Remove the key of a measurement that was never fused, so that it can be sent again."""
+        """Remove the key of a measurement that was never fused, so that the measurement can be sent again."""
         self._keys.pop(dropped.key, None)

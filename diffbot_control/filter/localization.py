@@ -1,8 +1,8 @@
 """Localization of a robot: fuses odometry, fixes, headings, landmarks and turn rates in the order of their stamps.
 
-The time of the filter is the stamp of the newest odometry. A measurement with a later stamp waits for its odometry. A
-measurement with an earlier stamp is inserted into the :mod:`history`, and the steps from there on are computed again,
-once for all late measurements of a message.
+The time of the filter is the stamp of the newest odometry. A measurement with a later stamp waits until the odometry
+reaches its stamp. A measurement with an earlier stamp is inserted into the :mod:`history`, and the steps from its stamp
+on are computed again, once for all late measurements of a message.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class FilterEstimate(NamedTuple):
     P: Array
     """(3, 3) covariance of x, y, theta [m, m, rad]"""
     odometry: OdometryStep | None
-    """newest odometry; None before the first odometry"""
+    """newest odometry step; None before the first one"""
     x: Array
     """(n,) state, see :mod:`models`"""
 
@@ -130,9 +130,9 @@ class Localization:
     def initialise(self, pose: Pose, P: Array, stamp: int | None = None) -> None:
         """Set the pose with covariance ``P`` (3, 3), and keep the estimated errors and the time of the filter.
 
-        If the filter has no time yet, ``stamp`` [ns] becomes its time; without a stamp, the time begins with the first
-        odometry. A stamp that differs from the newest odometry by more than the history is from another clock. It is
-        replaced by the stamp of the newest odometry.
+        If the filter has no time yet, ``stamp`` [ns] becomes its time; without a stamp, the first odometry sets the
+        time. A stamp that differs from the newest odometry by more than the history comes from another clock, so the
+        stamp of the newest odometry replaces it.
         """
         newest = self._early.newest
         if stamp is not None and newest is not None and abs(stamp - newest) > self._history_length:
@@ -156,14 +156,14 @@ class Localization:
         return FilterEstimate(self._stamp, Pose(*x[:3].tolist()), P[:3, :3], self._odometry, x)
 
     def twist_of(self, estimate: FilterEstimate, odometry: OdometryStep) -> tuple[Twist, TwistCovariance]:
-        """Return the twist of the newest odometry, corrected by the gyro and by the estimated wheel errors.
+        """Return the twist of an estimate: the odometry, corrected by the gyro and by the estimated wheel errors.
 
         Args:
             estimate: newest estimate.
             odometry: odometry to use if the estimate has none.
 
         Returns:
-            The twist and its covariance; an all-zero covariance means unknown and is not changed.
+            The twist and its covariance; an all-zero (unknown) covariance does not change.
         """
         _, twist, covariance = estimate.odometry or odometry
         motion, newest = Motion(twist, 0.0, covariance), self._newest_motion
@@ -186,21 +186,22 @@ class Localization:
                 self.contradiction, self._stamp, fixes.nis / fixes.alarm, fixes.autocorrelation
             )
 
-    def on_odometry(self, odometry: OdometryStep, acts_for: float = math.inf) -> FilterEstimate:
+    def on_odometry(self, odometry: OdometryStep, valid_for: float = math.inf) -> FilterEstimate:
         """Predict the estimate at the stamp of ``odometry``, and fuse the measurements that waited for it.
 
-        An odometry with the stamp of the previous odometry is a repetition: it does not move the estimate. After a gap
+        A message with the stamp of the previous message is a repetition and does not move the estimate. After a gap
         longer than ``max_extrapolation``, the twist moves the estimate only for the last ``max_extrapolation`` seconds.
         For the rest of the gap the estimate does not move. Its deviation grows by the distance that the faster of the
         twists before and after the gap would cover.
 
-        If several successive messages are older than the newest odometry, the clock was set back, and the filter
-        continues with the new clock. If the clock was set forward, the estimate becomes as uncertain as after a gap of
-        at most max_extrapolation.
+        If several successive messages are older than the newest odometry, the clock of the odometry was set back, and
+        the filter continues with the new time. If the clock was set forward, the estimate becomes as uncertain as
+        after a gap of at most ``max_extrapolation``.
 
         Args:
             odometry: mean twist since the previous odometry.
-            acts_for: finite if the clock was set forward: longest time [s] before its stamp in which the twist acts.
+            valid_for: longest time [s] before its stamp for which the twist is valid. It is finite only if the clock of
+                the odometry was set forward.
 
         Raises:
             BadMessageError: before the first fix; if the message is out of order; or if time jumped back by more than
@@ -213,29 +214,29 @@ class Localization:
             self._stamp = odometry.stamp
             self.dropped_before_odometry += self._history.drop_waiting_before(odometry.stamp)
         late = self._stamp - odometry.stamp
-        is_set_forward = acts_for < math.inf and not self.time_restarts
+        is_set_forward = valid_for < math.inf and not self.time_restarts
         if late >= 0 or (late < -_MAX_GAP and self._odometry is not None and not is_set_forward):
             self._check_time(late, odometry)
             return self.estimate()
         self._behind.clear()
-        if is_set_forward and math.isfinite(longest := acts_for + self.max_extrapolation):
+        if is_set_forward and math.isfinite(longest := valid_for + self.max_extrapolation):
             # The true time since the previous odometry is at most about ``longest``.
             self._begin_clock(max(self._stamp, odometry.stamp - round(longest / S_PER_NS)))
-        start = self._cross_gap(self._stamp, odometry, min(acts_for, self.max_extrapolation))
+        start = self._cross_gap(self._stamp, odometry, min(valid_for, self.max_extrapolation))
         delay = round(self.config.odometry.odometry_delay / S_PER_NS)
         for part, whole in self._delayed.parts(start, odometry, delay):
             start = self._step(start, part, whole)
         self._history.trim(self._history_length)
         return self.estimate()
 
-    def _cross_gap(self, start: int, after: OdometryStep, acts_for: float) -> int:
+    def _cross_gap(self, start: int, after: OdometryStep, valid_for: float) -> int:
         """Predict from ``start`` [ns] to the end of the unknown motion before ``after``, and return this end [ns].
 
-        The twist of ``after`` describes the motion in the last ``acts_for`` seconds before its stamp.
+        The twist of ``after`` is valid for the last ``valid_for`` seconds before its stamp.
         """
-        if (after.stamp - start) * S_PER_NS <= acts_for:
+        if (after.stamp - start) * S_PER_NS <= valid_for:
             return start
-        end = after.stamp - round(acts_for / S_PER_NS)
+        end = after.stamp - round(valid_for / S_PER_NS)
         before = self._odometry.twist if self._odometry is not None else after.twist
         self._delayed.clear()
         return self._step(start, unknown_motion(start, end, before, after.twist), end - start, is_gap=True)
@@ -251,9 +252,9 @@ class Localization:
         return odometry.stamp
 
     def _check_time(self, late: int, odometry: OdometryStep) -> None:
-        """Handle an odometry that does not move the estimate: repeated, out of order, or after a jump of time.
+        """Handle an odometry message that is repeated, out of order, or after a jump of time.
 
-        ``late`` is the time [ns] from its stamp to the newest odometry; 0: repetition; negative: ahead of the newest.
+        ``late`` is the time [ns] from its stamp to the newest odometry; it is negative if the message is ahead.
         """
         if (late > self._history_length and (self.time_restarts or self._odometry is None)) or late < -_MAX_GAP:
             by, is_first = f"by {abs(late) * S_PER_NS:.3f} s", self._odometry is None
@@ -268,11 +269,11 @@ class Localization:
                 self._behind.clear()
             self._behind.append(odometry)
             span = odometry.stamp - self._behind[0].stamp
-            # Before the first step, the newest stamp is the stamp of the fix, which the odometry has yet to reach.
+            # Before the first step, the newest stamp is the stamp of the fix, and the odometry may still be behind it.
             if self._odometry is not None and len(self._behind) >= _SET_BACK_COUNT and span >= _SET_BACK_SPAN:
                 self._follow_clock_back(self._behind)
             elif late > 0:
-                raise BadMessageError("out of order", f"{late * S_PER_NS:.3f} s behind the newest")
+                raise BadMessageError("out of order", f"{late * S_PER_NS:.3f} s behind the newest message")
 
     def _begin_clock(self, stamp: int) -> None:
         """Set the time of the filter to ``stamp`` [ns] after the clock was set.
@@ -287,7 +288,7 @@ class Localization:
         self._stamp = stamp
 
     def _follow_clock_back(self, messages: list[OdometryStep]) -> None:
-        """Continue with the first odometry messages of a clock that was set back."""
+        """Continue with ``messages``, the first odometry messages after the clock was set back."""
         period = (messages[-1].stamp - messages[0].stamp) // (len(messages) - 1)
         self._begin_clock(messages[0].stamp - period)
         self._behind = []
@@ -309,7 +310,7 @@ class Localization:
 
         A measurement is dropped if it is a duplicate (same stamp, source and numbers), if it is not finite, if its
         source or landmark is unknown, if it is older than the history, if too many measurements already wait for their
-        odometry, or if the filter has not started and the measurement cannot start it.
+        odometry, or if the filter is not initialised and the measurement cannot initialise it.
         """
         errors: list[BadMessageError] = []
         late: dict[Measurement, int] = {}
@@ -381,7 +382,7 @@ class Localization:
             self._compute_from(index)
 
     def _compute_from(self, index: int, late: Collection[Measurement] = ()) -> None:
-        """Compute the steps from ``index`` on again; only the ``late`` measurements are counted."""
+        """Compute the steps from ``index`` on again; only the ``late`` measurements are new and counted."""
         steps = self._history.steps
         self.filter.memory[:] = steps[index].memory
         for i in range(index, len(steps)):
@@ -389,7 +390,7 @@ class Localization:
             self._compute(steps[i], late, is_new=False)
 
     def _compute(self, step: HistoryStep, late: Collection[Measurement] = (), *, is_new: bool = True) -> None:
-        """Predict over a step and fuse its measurements; if the step is not new, only ``late`` ones are counted."""
+        """Predict over a step and fuse its measurements; in an old step, only the ``late`` measurements are counted."""
         now, rate, slip = step.start, step.rate(), _NO_SLIP
         if rate is not NO_RATE:
             slip = self._take_rate(self._motion(step, step.duration, rate, _NO_SLIP), is_new=is_new)
@@ -429,7 +430,7 @@ class Localization:
         return Motion(step.odometry.twist, dt, add_twist_covariance(covariance, slip), rate, lateral)
 
     def reading_of(self, measurement: Measurement) -> Reading:
-        """Return a measurement in the form that the functions of :mod:`ekf` need."""
+        """Convert a measurement to a Reading for the functions of :mod:`ekf`."""
         source = self._sources[measurement.source]
         place = self._places[measurement.at] if measurement.source == LANDMARKS else source
         time, at = measurement.stamp * S_PER_NS, measurement.at

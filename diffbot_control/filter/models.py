@@ -64,7 +64,7 @@ class Reading(NamedTuple):
     source: int
     """row of the source in the noise statistics"""
     place: int
-    """row of the previous measurement whose error may be correlated with this error: one per source and landmark"""
+    """row of the previous measurement of the same source or landmark, whose error may be correlated with this error"""
     time: float
     """[s] time of the measurement, relative to any fixed time"""
     z: Any
@@ -125,7 +125,7 @@ def state_size(calibrating: bool, gyro: bool, landmarks: bool) -> int:
         gyro: the filter estimates the gyro bias.
         landmarks: the filter estimates the errors of the landmark sensor.
 
-    An error that is not estimated but precedes an estimated error is a state with variance 0.
+    An error that is not estimated, but precedes an estimated error in the state, has the variance 0.
     """
     if landmarks:
         return 10
@@ -148,7 +148,7 @@ def with_wheel_errors(twist: Twist, x: Array, separation: float) -> Twist:
 
 
 def gyro_share(covariance: TwistCovariance, rate: TurnRate) -> GyroShare:
-    """Return the gain with which a measured turn rate corrects a twist; 0 if the turn rate was not measured."""
+    """Return the gain with which the turn rate of a gyro corrects a twist; 0 if there is no gyro."""
     total = covariance.var_omega + rate.variance
     return GyroShare(covariance.cov_v_omega / total, covariance.var_omega / total)
 
@@ -170,7 +170,7 @@ def covariance_with_rate(covariance: TwistCovariance, share: GyroShare) -> Twist
 
 
 def slip_covariance(difference: float, separation: float) -> TwistCovariance:
-    """Return the additional covariance of a twist if a wheel slips.
+    """Return the covariance that slip of a wheel adds to a twist.
 
     Either wheel may slip, so each rim speed gets the variance that explains the difference.
 

@@ -39,7 +39,7 @@ _MEMORY = 200.0
 _NIS_MEMORY, _WHITENESS_MEMORY = 150.0, 300.0
 """Lengths of the means of the NIS and of the autocorrelation, in scalars."""
 _MAX_DIFFERENCE = 30.0
-"""Largest half squared difference in units of R. If it is larger, one of the two is an outlier that passed the gate."""
+"""Largest half squared difference in units of R. If it is larger, one of the two measurements is an outlier."""
 _MIN_DIFFERENCE = 1e-9
 """Smallest half squared difference in units of R. If it is smaller, the source repeats its value, and the pair contains
 no information about the noise."""
@@ -52,7 +52,7 @@ _MIN_PAIRS = 10.0
 """Smallest number of pairs from which a scale is estimated."""
 _MAX_CORRELATION = 0.99
 _MIN_DT = 1e-3
-"""[s] Lower limit of the time between two measurements in the correlation; avoids a division by 0."""
+"""[s] Shortest time between two measurements for which a correlation is computed; avoids a division by 0."""
 _MAX_SCALE = 1e3
 
 
@@ -64,12 +64,12 @@ def clear(row: Array) -> None:
 
 
 def clear_innovations(row: Array) -> None:
-    """Clear the means of NIS, autocorrelation and drift after the estimate was replaced."""
+    """Clear the means of NIS, autocorrelation and drift after a jump of the estimate."""
     row[NIS : DRIFT + 3] = 0.0
 
 
 def scale_of(row: Array, angle: bool) -> float:
-    """Return the estimated factor on the claimed variance of an angle, or of a position or range."""
+    """Return the estimated factor on the claimed variances of angles if ``angle``, else of positions and ranges."""
     return float(row[CHANNEL + SCALE if angle else SCALE])
 
 
@@ -202,11 +202,11 @@ def _correlation(row: Array) -> float:
 
 
 _R_RULES = (-1.0, 0.7, -0.2), (0.0, 0.7, 0.0), (1.0, 0.7, 0.2)
-"""Center, width and consequent of each rule. Input: log of the ratio of the measured to the present scale. Output:
+"""Center, width and consequent of each rule. Input: log of the measured scale over the current scale. Output:
 change of log scale."""
 _Q_RULES = (0.0, 0.35, 0.0), (1.0, 0.35, 1.5), (2.0, 0.5, 4.0)
-"""Center, width and consequent of each rule. Input: excess of the drift over white innovations. Output: log of the
-factor on Q."""
+"""Center, width and consequent of each rule. Input: excess of the drift over the drift of white innovations. Output:
+log of the factor on Q."""
 _DRIFT_SHARE = 0.1
 """Weight of the newest innovation in the drift."""
 
@@ -232,7 +232,7 @@ def add_drift(row: Array, u: Array, m: int) -> None:
 
 
 def q_scale(row: Array) -> float:
-    """Return the factor on Q. It is above 1 if the mean of the innovations shows a drift of the estimate."""
+    """Return the factor on Q, which is above 1 if the mean of the innovations shows a drift of the estimate."""
     drift = math.sqrt(row[DRIFT] ** 2 + row[DRIFT + 1] ** 2 + row[DRIFT + 2] ** 2)
     # Root mean square of the drift if the innovations are white.
     white_drift = math.sqrt(3.0 * _DRIFT_SHARE / (2.0 - _DRIFT_SHARE))

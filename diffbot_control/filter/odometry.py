@@ -1,8 +1,9 @@
 """Odometry: noise, dead time and gaps, and the motion before the first fix.
 
 The noise of a motion is modelled in one of two ways. With the covariance of each message and independent errors, the
-variance of a path is inversely proportional to the rate of the messages. But the errors of real odometry, such as slip
-or a wrong scale, last longer than one message. With noise densities, the variance of a path is independent of the rate.
+variance of a path is inversely proportional to the rate of the messages. The errors of real odometry, such as
+slip or a wrong scale, last longer than one message. With noise densities, the variance of a path does not depend on the
+rate.
 """
 
 from __future__ import annotations
@@ -20,11 +21,11 @@ from diffbot_core.stamps import NS_PER_S, S_PER_NS
 
 MESSAGE, MOTION = "message", "motion"
 _MAX_DENSITY = 100.0
-"""[m^2/s], [rad^2/s], or per metre or radian; with this density the pose is unknown after one second"""
+"""[m^2/s], [rad^2/s], or per metre or radian. With this density, the pose is unknown after one second."""
 
 
 class OdometryStep(NamedTuple):
-    """Mean twist since the previous odometry."""
+    """Mean twist since the previous odometry message."""
 
     stamp: int
     """[ns] end of the interval"""
@@ -60,11 +61,11 @@ class OdometryConfig(NamedTuple):
         float, Spec("variance of the heading per metre driven", "rad^2/m", minimum=0.0, maximum=_MAX_DENSITY)
     ] = 0.002
     alpha3: Annotated[
-        float, Spec("variance of the distance per metre driven", "m^2/m", minimum=0.0, maximum=_MAX_DENSITY)
+        float, Spec("variance of the driven distance per metre driven", "m^2/m", minimum=0.0, maximum=_MAX_DENSITY)
     ] = 0.015
     density_xy: Annotated[
         float,
-        Spec("variance of the position along and across per second", "m^2/s", minimum=1e-12, maximum=_MAX_DENSITY),
+        Spec("variance of the position per second, forward and sideways", "m^2/s", minimum=1e-12, maximum=_MAX_DENSITY),
     ] = 1e-6
     density_theta: Annotated[
         float, Spec("variance of the heading per second", "rad^2/s", minimum=1e-12, maximum=_MAX_DENSITY)
@@ -113,7 +114,7 @@ def motion_noise(twist: Twist, dt: float, densities: Densities) -> tuple[TwistCo
 def step_noise(
     odometry: OdometryStep, dt: float, share: float, config: OdometryConfig, *, is_gap: bool
 ) -> tuple[TwistCovariance, float]:
-    """Return covariance and sideways variance, as :func:`motion_noise`, for a part of an odometry message or of a gap.
+    """Return the same as :func:`motion_noise` for a part of an odometry message or of a gap.
 
     Args:
         odometry: odometry message, or :func:`unknown_motion` in a gap.
@@ -132,7 +133,7 @@ def step_noise(
 
 
 def unknown_motion(start: int, end: int, before: Twist, after: Twist) -> OdometryStep:
-    """Return a motion of 0 for a gap from ``start`` to ``end`` [ns], with the faster of two twists as its deviation."""
+    """Return a zero twist for a gap from ``start`` to ``end`` [ns]; its deviation is the faster of two twists."""
     v = max(abs(before.v), abs(after.v))
     # With a deviation of pi the heading is unknown.
     omega = min(max(abs(before.omega), abs(after.omega)), math.pi / ((end - start) * S_PER_NS))
@@ -182,7 +183,7 @@ class DelayLine:
 
 
 class EarlyOdometry:
-    """Odometry before the first fix, from which the uncertainty of an old first fix is computed."""
+    """Odometry before the first fix, which determines how uncertain an old first fix is."""
 
     def __init__(self) -> None:
         """Start without a message."""
@@ -207,7 +208,7 @@ class EarlyOdometry:
         """Return the time [ns] at which a fix starts the filter, and the covariance (3, 3) to add to the fix.
 
         A fix that is at most ``history`` [ns] older than the newest odometry starts the filter at its own stamp. An
-        older fix starts it at the newest odometry; the total distance and turn are added as deviations.
+        older fix starts the filter at the newest odometry, and the total distance and turn are added as deviations.
 
         Raises:
             BadMessageError: if the fix is ahead of the odometry by more than the history and more than 1 s.

@@ -1,7 +1,7 @@
-"""Detection of contradictory measurements of one motion: twist and pose of an odometry, or gyro and wheels.
+"""Detection of contradictory measurements of one motion: twist and pose of the odometry, or gyro and wheels.
 
-Two rates contradict each other if they disagree for most of the last MOTION seconds of motion. Time counts as motion
-while one of the rates shows a motion, so rest neither adds to a contradiction nor ends it.
+Two rates contradict each other if they disagree for most of the last MOTION seconds of motion. Rest does not count: the
+robot moves if one of the rates shows a motion.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from diffbot_core.stamps import S_PER_NS
 MOTION = 2.0
 """[s] Length of the memory in motion. A new fault is detected after log(10 / 3) times this time."""
 _SHARE = 0.7
-"""Share of MOTION for which contradictory rates disagree."""
+"""Share of MOTION above which a disagreement is a contradiction."""
 _MIN_RATIO, _MIN_OPPOSED_RATIO = 0.1, 0.3
 """Ratio of the smaller to the larger rate. Below the first bound, the smaller rate does not show the motion. Different
 signs only count above the second bound."""
@@ -64,7 +64,7 @@ def with_rates(memory: Agreement, dt: float, first: float, second: float, smalle
 
 
 class OdometryCheck:
-    """Compares the twists of an odometry with the changes of its pose."""
+    """Compares the twists of odometry messages with the changes of their poses."""
 
     def __init__(self) -> None:
         """Start without a message."""
@@ -106,8 +106,8 @@ class OdometryCheck:
             (self._turn, "twist.angular.z", "orientation"),
         ):
             texts = {
-                "only_first": f"{field} stays 0 while the pose moves: the driver has to fill the twist, which is fused",
-                "only_second": f"the {part} stands still while {field} moves: the driver has to fill the pose, too",
+                "only_first": f"{field} stays 0 although the {part} changes: the driver has to fill the twist",
+                "only_second": f"the {part} does not change although {field} is not 0: the driver has to fill the pose",
                 "opposed": f"{field} and the pose have opposite signs: check that the wheels are not swapped, "
                 "and that x points forward and y to the left",
                 "scaled": f"{field} and the pose differ by a factor of ten or more: use m, m/s, rad and rad/s",

@@ -73,7 +73,7 @@ class FilterState(NamedTuple):
     candidate_P: Any
     """(n, n) covariance of the candidate"""
     gate: Any
-    """(6,) state of the gate"""
+    """(6,) state of the gate, indexed by REJECTIONS to DISAGREEMENT"""
     travelled: Any
     """(2,) sums of the variances of distance [m^2] and heading [rad^2] that the motion has added"""
     shift: Any
@@ -81,7 +81,7 @@ class FilterState(NamedTuple):
     noise: Any
     """(sources, noise.COLUMNS) noise statistic of each source"""
     last: Any
-    """(sources + landmarks, 16 + n) newest measurement of each source and landmark"""
+    """(sources + landmarks, SHIFT + n) newest measurement of each source and landmark"""
 
 
 def new_filter(options: Options, landmarks: int = 0) -> FilterState:
@@ -110,14 +110,14 @@ def reset(filter_: FilterState, options: Options) -> None:
 
 
 def start(filter_: FilterState, pose: Pose, P: Array) -> None:
-    """Set the pose with covariance ``P`` (3, 3); the estimated errors and the noise statistics stay."""
+    """Set the pose with covariance ``P`` (3, 3); keep the estimated errors and the noise statistics."""
     reset_pose(filter_.x, filter_.P, pose, P)
     filter_.gate[:] = 0.0
     unpair(filter_)
 
 
 def reset_pose(x: Array, P: Array, pose: Pose, pose_P: Array) -> None:
-    """Set the pose and its covariance (3, 3) in place; the other states stay, uncorrelated with the pose."""
+    """Set the pose and its covariance (3, 3) in place; keep the other states, uncorrelated with the pose."""
     x[0], x[1], x[2] = pose.x, pose.y, wrap_angle(pose.theta)
     P[:3, :] = 0.0
     P[:, :3] = 0.0
@@ -128,7 +128,7 @@ def set_errors(filter_: FilterState, options: Options, first: int, errors: Array
     """Set ``errors`` (k,) with covariance ``P`` (k, k), uncorrelated with all other states.
 
     ``first`` is the index of the first error, WHEELS or SENSOR. Errors that this filter does not estimate, or whose
-    variance in ``P`` is 0, stay.
+    variance in ``P`` is 0, do not change.
     """
     indices = range(first, min(first + len(errors), options.size))
     estimated = [i for i in indices if options.variances[i - WHEELS] > 0.0 and P[i - first, i - first] > 0.0]

@@ -1,4 +1,4 @@
-"""The state of the filter in a file, which survives a restart."""
+"""Save the state of the filter in a file, and restore it after a restart."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _VERSION = 1
 _MAX_BYTES = 64 * 1024
 """Largest size of a file; a state needs about 2 kB."""
 _ERRORS = {"wheels": (WHEELS, 1.0), "landmarks": (SENSOR, 100.0)}
-"""Groups of three errors by their name in the file: index of the first error in the state, and bound of each error."""
+"""Groups of three errors by name: index of the first error in the state, and bound of each error."""
 
 
 class BrokenStateError(DiffbotError):
@@ -34,7 +34,7 @@ class SavedState(NamedTuple):
 
     pose: Pose
     P: Array
-    """(3, 3) [m, m, rad]"""
+    """(3, 3) covariance of the pose [m, m, rad]"""
     geometry: WheelGeometry
     """geometry to which the wheel errors are relative"""
     errors: dict[str, tuple[Array, Array]]
@@ -71,7 +71,7 @@ def load_state(path: Path) -> SavedState | None:
     except (ValueError, RecursionError):
         raise BrokenStateError(f"{path} is not a JSON file") from None
     if not isinstance(content, dict) or content.get("version") != _VERSION:
-        raise BrokenStateError(f"{path} does not contain a state of version {_VERSION}")
+        raise BrokenStateError(f"{path} does not contain a filter state of version {_VERSION}")
     x, y, theta = _numbers(path, content, "pose", (3,), MAX_COORDINATE).tolist()
     geometry = WheelGeometry(*_numbers(path, content, "geometry", (2,), math.inf).tolist())
     errors = {
@@ -120,8 +120,8 @@ class StateKeeper:
 
         Raises:
             BrokenStateError: if the file does not contain a valid state; the file was renamed.
-            DiffbotError: if such a file cannot be renamed. Then the caller must not save, since a save would overwrite
-                the file.
+            DiffbotError: if the invalid file cannot be renamed. Then the caller must not save, since this would
+                overwrite the file.
         """
         try:
             saved = load_state(self._path)

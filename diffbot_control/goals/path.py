@@ -1,4 +1,4 @@
-"""Paths: remaining length and time, goals that were passed, and headings for paths that came without headings."""
+"""Paths: remaining length and time, waypoints that were passed, and headings for paths without headings."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ if TYPE_CHECKING:
     from diffbot_control.filter.models import Array
 
 _MIN_SHARE = 0.05
-"""share of the distance to cover before the mean speed so far is meaningful"""
+"""share of the distance that the robot must cover before its mean speed so far is used"""
 _CHORD = 0.2
-"""[m] length along the path, in both directions, over which its direction is measured"""
+"""[m] length of the path before and after a pose from which the direction at the pose is computed"""
 _SAME, _CONTRADICTION = 1e-3, 0.3
 """[rad] headings that differ by less are equal; a heading that differs by more contradicts the direction of the path"""
 
@@ -30,13 +30,13 @@ def distance_along(pose: Pose, goals: Iterable[Pose]) -> float:
 
 
 def goals_passed(pose: Pose, goals: Sequence[Pose], radius: float) -> int:
-    """Return how many of the first goals in a row are within ``radius`` [m] of a pose; the last goal never counts."""
+    """Return how many goals, from the first on, are within ``radius`` [m] of a pose; the last goal never counts."""
     near = takewhile(lambda one: math.hypot(one.x - pose.x, one.y - pose.y) < radius, goals[:-1])
     return sum(1 for _ in near)
 
 
 def time_remaining(distance: float, first_distance: float, elapsed: float, max_speed: float) -> float:
-    """Estimate the time [s] to the goal from the mean speed so far; at first from the speed limit.
+    """Estimate the time [s] to the goal from the mean speed so far, or initially from the speed limit.
 
     Args:
         distance: [m] remaining distance.
@@ -53,7 +53,7 @@ def time_remaining(distance: float, first_distance: float, elapsed: float, max_s
 def directions(poses: Sequence[Pose]) -> Array:
     """Return the direction [rad] of a path at each of its n poses, shape (n,); nan where the path has no length.
 
-    At a corner the direction bisects the angle. Where the path turns back, it is the direction of the next part.
+    At a corner the direction bisects the angle. Where the path turns back, the direction is that of the next part.
     """
     import numpy as np  # noqa: PLC0415 - every start of the command line imports this module
 
@@ -76,16 +76,16 @@ def _units(vectors: Array) -> Array:
 
 
 def with_headings(poses: list[Pose], are_default: bool) -> list[Pose]:
-    """Return the path with its direction as headings, if it came without headings; otherwise the same list.
+    """Set the headings of a path without headings to the direction of the path; return any other path unchanged.
 
-    Planners in two dimensions publish paths without headings. A path has no headings if all headings between the first
-    and the last pose are equal and contradict the direction of the path. The last heading belongs to the goal and does
-    not change. A straight path that is driven backwards has headings, unless its orientations are those of empty
-    messages.
+    Planners in two dimensions publish paths without headings: all headings between the first and the last pose are
+    equal and contradict the direction of the path. The heading of the last pose belongs to the goal and does not
+    change. If all headings are opposite to the direction, the robot is to drive the path backwards, so the path has
+    headings, unless its orientations are the default of the message.
 
     Args:
         poses: poses of the path.
-        are_default: True if the orientations between the first and the last pose are those of empty messages.
+        are_default: True if the orientations between the first and the last pose are the default of the message.
     """
     if len(poses) < 3:
         return poses
@@ -99,10 +99,10 @@ def with_headings(poses: list[Pose], are_default: bool) -> list[Pose]:
     is_backwards = not turns_back and all(one >= math.pi - _CONTRADICTION for one in differences)
     if all(one <= _CONTRADICTION for one in differences) or (is_backwards and not are_default):
         return poses
-    followed = [
+    with_directions = [
         one._replace(theta=float(angle))
         if math.isfinite(angle) and abs(wrap_angle(one.theta - common)) <= _SAME
         else one
         for one, angle in zip(poses, found, strict=False)
     ]
-    return [*followed, poses[-1]]
+    return [*with_directions, poses[-1]]

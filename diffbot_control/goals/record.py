@@ -20,12 +20,12 @@ HISTORY = 32
 MAX_PATH_POSES = 2000
 """A longer path is refused."""
 SUSPENSION = 2.0
-"""[s] If the controller is suspended for longer, it ends its goal, because its clients may have declared it lost."""
+"""[s] After a longer suspension the controller ends its goal, because its clients may have declared it lost."""
 RESTART_TIMEOUT = 2.0
 """[s] grace period after the lease of ~/status (1 s) before a client declares the controller lost. DDS renews the lease
 at least 2/3 s before its end, so a client waits longer than SUSPENSION."""
 _MAX_IDS = 1000
-"""Number of ids that are kept, to recognise messages that a client repeats."""
+"""Number of ids that are kept to recognise repeated messages."""
 
 
 def goal_id(frame: str, stamp: int) -> str:
@@ -44,7 +44,7 @@ class GoalRequest(NamedTuple):
     id: str = ""
     """32 hexadecimal digits; empty for a goal that is not reported"""
     source: str = ""
-    """name of the topic, or ``action``"""
+    """name of the topic on which the goal arrived, or ``action``"""
     time: float = math.nan
     """[s] time of arrival, on the caller's clock"""
 
@@ -93,12 +93,12 @@ class GoalBook:
         self._remember(request.id)
 
     def refuse(self, request: GoalRequest, end: str, reason: str) -> None:
-        """Record the end of a goal that was never accepted; the present goal does not change."""
+        """Record the end of a goal that is not accepted; the present goal does not change."""
         self._remember(request.id)
         self._add(GoalRecord(request, end=end, reason=reason))
 
     def cancel(self, reason: str) -> None:
-        """Mark the present goal as cancelled; it ends with this reason when the robot has come to rest."""
+        """Mark the present goal as cancelled; the goal ends with this reason when the robot has come to rest."""
         if self.present is not None:
             self.present = self.present._replace(is_cancelling=True, reason=reason)
 

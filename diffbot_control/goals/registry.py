@@ -28,11 +28,10 @@ def resolve_law(text: str) -> type[Law]:
     Raises:
         InvalidValueError: if the law does not exist, or cannot be imported or used.
     """
-    found = registered_laws()
-    place = found.get(text, text)
-    module_name, colon, attribute = place.partition(":")
+    laws = registered_laws()
+    module_name, colon, attribute = laws.get(text, text).partition(":")
     if not (colon and module_name and attribute):
-        raise InvalidValueError("law", text, f"package.module:Class or one of {', '.join(found) or 'none registered'}")
+        raise InvalidValueError("law", text, f"package.module:Class or a registered law: {', '.join(laws) or 'none'}")
     try:
         law: Any = importlib.import_module(module_name)
         for part in attribute.split("."):
@@ -46,7 +45,7 @@ def _checked(text: str, law: Any) -> type[Law]:
     """Return ``law`` if it can be used with its default parameters.
 
     Raises:
-        InvalidValueError: naming the first part that is missing or wrong.
+        InvalidValueError: naming the first attribute that is missing or wrong.
     """
     if not (isinstance(law, type) and issubclass(law, Law)):
         raise InvalidValueError("law", text, "a class derived from diffbot_control.law.Law")
@@ -54,7 +53,7 @@ def _checked(text: str, law: Any) -> type[Law]:
     if not (isinstance(config_type, type) and hasattr(config_type, "_fields")):
         raise InvalidValueError("law", text, "a law whose Config is a NamedTuple type")
     if not isinstance(vars(law).get("name"), str) or not law.name:
-        raise InvalidValueError("law", text, "a law whose name is a text that is not empty")
+        raise InvalidValueError("law", text, "a law whose name is a string that is not empty")
     try:
         config = config_type()
         memory = law.new_memory(config)
@@ -62,7 +61,9 @@ def _checked(text: str, law: Any) -> type[Law]:
     except Exception as error:
         raise InvalidValueError("law", text, f"a law that can be used with its defaults ({_cause(error)})") from None
     if not is_complete:
-        raise InvalidValueError("law", text, "a law whose data_sheet(config) is a DataSheet")
+        raise InvalidValueError(
+            "law", text, "a law whose data_sheet(config) is a DataSheet and whose tolerance(config) is valid"
+        )
     if not hasattr(memory, "reached"):
         raise InvalidValueError("law", text, "a law whose memory has the field reached")
     return law

@@ -23,11 +23,11 @@ class State(Enum):
     HOLDING = "holding"
     """the goal was reached, and the robot stays there"""
     STOPPING = "stopping"
-    """the robot brakes without a goal; a cancelled goal ends when the robot is at rest"""
+    """the robot brakes after its goal; a cancelled goal ends when the robot is at rest"""
 
 
 class GoalEvent(Enum):
-    """Events; the values are the names in the documentation."""
+    """Events of the table; the documentation uses the values as names."""
 
     GOAL = "goal accepted"
     CANCEL = "cancelled"
@@ -61,7 +61,7 @@ class Transition(NamedTuple):
 
     state: State
     command: Reaction = Reaction.NOTHING
-    answer: str = ""
+    end: str = ""
     """end of the present goal, one of record.ENDS; empty if the goal does not end"""
     text: str = ""
     """new text of ~/status while there is no goal; empty for no change"""
@@ -82,13 +82,13 @@ TABLE: Mapping[State, Mapping[GoalEvent, Transition]] = {
         GoalEvent.STOP: Transition(State.IDLE, Reaction.ZERO, text=IDLE),
     },
     State.DRIVING: {
-        GoalEvent.GOAL: Transition(State.DRIVING, answer=REPLACED),
+        GoalEvent.GOAL: Transition(State.DRIVING, end=REPLACED),
         GoalEvent.CANCEL: Transition(State.STOPPING, Reaction.BRAKE, text=IDLE),
         GoalEvent.POSE: Transition(State.DRIVING, Reaction.LAW),
-        GoalEvent.REACHED: Transition(State.HOLDING, answer=REACHED),
-        GoalEvent.RELEASE: Transition(State.STOPPING, answer=REACHED, text=AT_GOAL),
+        GoalEvent.REACHED: Transition(State.HOLDING, end=REACHED),
+        GoalEvent.RELEASE: Transition(State.STOPPING, end=REACHED, text=AT_GOAL),
         GoalEvent.OVERDUE: Transition(State.DRIVING, Reaction.ZERO),
-        GoalEvent.HOPELESS: Transition(State.STOPPING, answer=NOT_REACHED, text=NOT_AT_GOAL),
+        GoalEvent.HOPELESS: Transition(State.STOPPING, end=NOT_REACHED, text=NOT_AT_GOAL),
         GoalEvent.LOST: Transition(State.IDLE, Reaction.ZERO, POSE_LOST, NOT_AT_GOAL),
         GoalEvent.FAULT: Transition(State.STOPPING, Reaction.BRAKE, NOT_REACHED, NOT_AT_GOAL),
         GoalEvent.STOP: Transition(State.IDLE, Reaction.ZERO, CANCELLED, IDLE),
@@ -104,9 +104,9 @@ TABLE: Mapping[State, Mapping[GoalEvent, Transition]] = {
         GoalEvent.STOP: Transition(State.IDLE, Reaction.ZERO, text=IDLE),
     },
     State.STOPPING: {
-        GoalEvent.GOAL: Transition(State.DRIVING, answer=CANCELLED),
+        GoalEvent.GOAL: Transition(State.DRIVING, end=CANCELLED),
         GoalEvent.POSE: Transition(State.STOPPING, Reaction.BRAKE),
-        GoalEvent.AT_REST: Transition(State.IDLE, answer=CANCELLED),
+        GoalEvent.AT_REST: Transition(State.IDLE, end=CANCELLED),
         GoalEvent.OVERDUE: Transition(State.IDLE, Reaction.ZERO, CANCELLED),
         GoalEvent.LOST: Transition(State.IDLE, Reaction.ZERO, CANCELLED),
         GoalEvent.HOPELESS: Transition(State.IDLE, Reaction.ZERO, CANCELLED),

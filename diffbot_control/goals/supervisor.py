@@ -1,4 +1,4 @@
-"""The controller without ROS: it turns goals, poses and elapsed time into commands, and ends each goal once.
+"""The controller without ROS: it computes commands from goals, poses and elapsed time, and ends each goal once.
 
 :mod:`diffbot_control.goals.states` defines the transitions; this module detects the events. Times in seconds.
 """
@@ -24,21 +24,22 @@ from diffbot_core.schema import DISTANCE, TIME, TIMEOUT, Spec, known_fields
 from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty
 
 _NEAR_TOLERANCES = 3.0
-"""Distance from the last goal, in tolerances, within which manoeuvres need not bring the robot closer."""
+"""Distance from the last goal, as a multiple of the tolerance, within which manoeuvres need not reduce the distance."""
 _STOP_REPEATS = 5
 """Number of zero commands after a stop, so that the robot stops even if one message is lost."""
 _MAX_UPDATE_ANGLE = 0.5
-"""[rad] a goal_update is refused if its heading differs from that of the present goal by more than this"""
+"""[rad] largest difference between the headings of a goal_update and of the present goal"""
 
 
 @known_fields
 class SupervisorConfig(NamedTuple):
-    """Parameters of the law, and of the supervisor."""
+    """Parameters of the law and of the supervisor."""
 
     controller: SwitchingConfig = SwitchingConfig()
     """parameters of the law"""
     uncertainty_scale: Annotated[
-        float, Spec("factor of the estimate's standard deviations, for an overconfident filter", "-", 0.0, 100.0)
+        float,
+        Spec("factor on the standard deviations of the pose, above 1 for an overconfident filter", "-", 0.0, 100.0),
     ] = 1.0
     pose_timeout: Annotated[float, Spec("time without a pose after which the robot is stopped", "s", *TIMEOUT)] = 0.5
     pose_lost_timeout: Annotated[
@@ -46,9 +47,13 @@ class SupervisorConfig(NamedTuple):
     ] = 30.0
     waypoint_radius: Annotated[
         float,
-        Spec("distance at which a waypoint of a path counts as passed; 0: each waypoint is reached", "m", *DISTANCE),
+        Spec(
+            "distance at which a waypoint of a path counts as passed; 0: reach each waypoint within the tolerances",
+            "m",
+            *DISTANCE,
+        ),
     ] = 0.4
-    hold_goal: Annotated[bool, Spec("hold a reached goal, against disturbances; otherwise go idle")] = True
+    hold_goal: Annotated[bool, Spec("hold a reached goal against disturbances; otherwise go idle")] = True
     hold_distance: Annotated[
         float,
         Spec(
@@ -68,19 +73,22 @@ class SupervisorConfig(NamedTuple):
         ),
     ] = -1.0
     goal_update_distance: Annotated[
-        float, Spec("largest distance of a goal_update from the present goal; a farther one is dropped", "m", *DISTANCE)
+        float,
+        Spec("largest distance of a goal_update from the present goal; goals farther away are dropped", "m", *DISTANCE),
     ] = 0.5
-    publish_when_idle: Annotated[bool, Spec("answer every pose, with zero without a goal (lock-step needs it)")] = False
+    publish_when_idle: Annotated[
+        bool, Spec("answer every pose, with a zero command if there is no goal (lock-step needs it)")
+    ] = False
 
 
 class Supervisor:
-    """Turns goals, poses and elapsed time into commands.
+    """Computes commands from goals, poses and elapsed time.
 
-    Each method ``on_...`` is an event from outside. The caller sends the command that is returned; None means none.
+    Each method ``on_...`` handles an event from outside. The caller sends the command that it returns, if any.
     """
 
     def __init__(self, config: SupervisorConfig, law: type[Law] = SwitchingLaw) -> None:
-        """Start idle; ``config.controller`` is a configuration of ``law``.
+        """Start idle; ``config.controller`` is an instance of ``law.Config``.
 
         Raises:
             LawError: if the law raises an error.
@@ -99,7 +107,7 @@ class Supervisor:
         self.contact = CONTACT_UNKNOWN
         """contact with the dock: CONTACT_UNKNOWN, NO_CONTACT or CONTACT"""
         self.problem = ""
-        """what keeps the robot from driving, set by the caller; the reason of a goal that is given up contains it"""
+        """what keeps the robot from driving, set by the caller; it is added to the reason of a goal that is given up"""
         self.report: Report | None = None
         self.reason = ""
         """why the last goal was not reached; empty if it was reached, or has not ended"""
@@ -115,7 +123,7 @@ class Supervisor:
         self.is_stale = False
         """True if the robot was stopped because no pose arrived within pose_timeout"""
         self._waits = self._is_uncertain = False
-        """True before the first pose with this goal; True if the robot rests and its estimate is too uncertain"""
+        """True until the first pose after a new goal; True if the robot rests and its estimate is too uncertain"""
         self._text = states.IDLE
         """status while there is no goal"""
         self._failure = ""
@@ -125,7 +133,7 @@ class Supervisor:
         self._since_command = self._since_step = 0.0
         """[s] time since the last command, and since the last step of the law"""
         self._zeros_due = 0
-        """number of zero commands that are still to be sent"""
+        """number of zero commands that still have to be sent"""
         with errors_of(law):
             self.memory: Any = law.new_memory(config.controller)
             """memory of the law"""
@@ -211,12 +219,12 @@ class Supervisor:
             raise BadMessageError("far from the goal", f"{distance:.3g} m, goal_update_distance = {bound:g} m")
         turn = abs(wrap_angle(goal.theta - last.theta))
         if turn > _MAX_UPDATE_ANGLE:
-            raise BadMessageError("turned against the goal", f"{turn:.3g} rad, at most {_MAX_UPDATE_ANGLE:g} rad")
+            raise BadMessageError("heading differs from the goal", f"{turn:.3g} rad, at most {_MAX_UPDATE_ANGLE:g} rad")
         self.goals_ahead[-1] = goal
         self.updates += 1
 
     def on_cancel(self, reason: str = "") -> Twist | None:
-        """Cancel the goal, if there is one, and start to brake without waiting for a pose; ``reason`` says by whom."""
+        """Cancel the goal, if there is one, and start to brake before the next pose; ``reason`` says who cancels it."""
         if self.state not in WITH_GOAL:
             return None
         self.waypoint = self.waypoints = 0
@@ -228,7 +236,7 @@ class Supervisor:
     def on_pose(
         self, stamp: int, now: float, pose: Pose, uncertainty: Uncertainty = CERTAIN, steady: float = math.nan
     ) -> Twist | None:
-        """Answer a pose whose stamp advances; only such a pose is a sign of life.
+        """Return the command for a pose. A pose counts only if its stamp is later than the stamps of all earlier poses.
 
         Args:
             stamp: [ns] time to which the pose belongs.
@@ -251,7 +259,7 @@ class Supervisor:
         return STOP if command is None and is_due else command
 
     def on_tick(self, now: float, steady: float = math.nan, must_stop: bool = False) -> Twist | None:
-        """Count the time; return zero if the robot may be moving and no pose arrived within ``pose_timeout``.
+        """Count the time; return zero if the robot may be moving and no pose has arrived within ``pose_timeout``.
 
         Args:
             now: [s] time on the clock of :meth:`on_pose`.
@@ -294,7 +302,7 @@ class Supervisor:
         self._failure = ""
 
     def _is_overdue(self) -> bool:
-        # In lock-step the plant waits for the answer, however long it takes in real time.
+        # In lock-step the plant waits for the command, however long this takes in real time.
         is_lockstep = self.clock.is_simulated and self.config.publish_when_idle
         return self.clock.is_overdue(self.config.pose_timeout, not is_lockstep)
 
@@ -314,7 +322,7 @@ class Supervisor:
         return text if distance > bound else ""
 
     def _follow(self, event: GoalEvent, reason: str = "", dt: float = 0.0) -> Twist | None:
-        """Change to the state of the table, end the goal if the table says so, and return the command."""
+        """Make the transition that the table defines for an event, and return its command."""
         transition = TABLE[self.state].get(event)
         if transition is None:
             return None
@@ -322,8 +330,8 @@ class Supervisor:
         if event in (GoalEvent.LOST, GoalEvent.HOPELESS):
             reason = "; ".join(filter(None, (reason, self.problem)))
         self.is_stale = self.is_stale or event is GoalEvent.OVERDUE
-        if transition.answer:
-            self.goals.close(transition.answer, reason, self._guard.age)
+        if transition.end:
+            self.goals.close(transition.end, reason, self._guard.age)
         self._text = transition.text or self._text
         if self.state not in WITH_GOAL:
             self.reason = reason or self.reason
@@ -335,7 +343,7 @@ class Supervisor:
         if command is Reaction.LAW:
             if self.state is State.DRIVING and self.pose is not None:
                 self._skip_goals(goals_passed(self.pose, self.goals_ahead, self.config.waypoint_radius))
-            # There is no goal if the law has just failed to begin the next goal of the path.
+            # There is no goal if the law has just raised an error for the next goal of the path.
             return self._brake(dt) if self.goal is None else self._take_step(self.goal, dt)
         if command is Reaction.BRAKE:
             return self._brake(dt)
@@ -392,7 +400,7 @@ class Supervisor:
         return step.command
 
     def _check_step(self, report: Report, reason_of_law: str) -> None:
-        """Detect that the goal is reached, or is to be given up."""
+        """Detect that the goal is reached, or has to be given up."""
         reached, is_last = bool(self.memory.reached), len(self.goals_ahead) == 1
         self.goals_reached += reached
         if reached and is_last:
@@ -415,7 +423,7 @@ class Supervisor:
         return reason
 
     def _brake(self, dt: float) -> Twist | None:
-        """Brake within the limits; stop at once if the law raises an error."""
+        """Continue to brake within the limits; stop at once if the law raises an error."""
         try:
             self.memory, command = braking_step(self.law, self.memory, self._command, dt, self.config.controller)
         except LawError as error:

@@ -1,7 +1,7 @@
-"""Time of the controller: age of the newest pose, and guards that end a goal that takes too long. Times in seconds.
+"""Time of the controller: age of the newest pose, and the guard that ends a goal that takes too long. Times in seconds.
 
-Every event adds the time since the previous event to a sum, at least 0 and at most MAX_STEP. So a clock that is set, or
-that restarts, neither ends a goal nor keeps it alive.
+All ages are sums of the times between events, each of which is limited to the range from 0 to MAX_STEP. So a clock that
+is set or restarted neither ends a goal nor keeps it alive.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ _PERIODS, _FIRST_PERIOD = 15, 0.1
 """number of the newest times between poses, whose median is the period; [s] period before the second pose"""
 
 _BASE_TIME = 120.0
-"""[s] allowed for every goal, also for a near one: to settle within the tolerances"""
+"""[s] time allowed for every goal in addition to the motion, to settle within the tolerances"""
 _WAYPOINT_TIME = 30.0
-"""[s] allowed for each further goal of a path"""
+"""[s] time allowed for each further goal of a path in addition to the motion"""
 _GENEROSITY = 4.0
-"""multiple of the shortest time that is possible within the limits of the data sheet"""
+"""allowed time for the motion as a multiple of the shortest time within the limits of the data sheet"""
 _MIN_PROGRESS_TIME = 30.0
-"""[s] shortest time without progress after which a goal is given up"""
+"""[s] lower bound of the time without progress after which a goal is given up"""
 _REST_TIME = 60.0
 """[s] time at rest near the goal after which a goal that is not reached is given up"""
 _MIN_PROGRESS, _MIN_SHARE = 0.05, 0.02
@@ -36,7 +36,7 @@ this share."""
 _JUMP = 0.5
 """[m] If the estimate jumps away from the goal by more than this, restart the progress timer."""
 _SLOWEST = 1e-3
-"""[m/s], [rad/s] a robot with lower limits must not move"""
+"""[m/s], [rad/s] a robot with a lower speed limit counts as one that must not move"""
 _LONGEST, _ROUNDING = 1e6, 1e-6
 """[s] longest derived timeout; [s] rounding error of a sum of times"""
 
@@ -44,7 +44,7 @@ _LONGEST, _ROUNDING = 1e6, 1e-6
 class PoseClock:
     """Measures the time between poses and since the newest pose.
 
-    It uses the stamps of the poses, the caller's clock and the steady clock, which is nan for callers without one.
+    It uses the stamps of the poses, the caller's clock and a steady clock; a caller without a steady clock passes nan.
     """
 
     def __init__(self) -> None:
@@ -63,9 +63,9 @@ class PoseClock:
         self._since_pose = math.inf
         """[s] time since the last pose whose stamp advanced, on the caller's clock; inf before the first pose"""
         self._alive = math.nan
-        """[s] steady time at which this pose would have arrived without an unusual delay"""
-        self._stepped, self._credit, self._is_halted = math.nan, _SLACK, False
-        """[s] steady time of the last step; [s] unused time for the next steps; True if zero was sent after the step"""
+        """[s] steady time at which this pose would have arrived without its unusual delay"""
+        self._last_step, self._credit, self._is_halted = math.nan, _SLACK, False
+        """[s] steady time of the last step; [s] additional time for the next step; True if zero was sent since"""
 
     @property
     def has_pose(self) -> bool:
@@ -97,7 +97,7 @@ class PoseClock:
         """Add the stamp [ns] of a pose that arrived at the time of the last :meth:`pass_time`.
 
         Returns:
-            The time [s] for the limits of acceleration in this step: at most the time since the last step.
+            The time [s] for which the acceleration limits apply in this step.
         """
         before, self.advances = self._stamps.newest, self._stamps.advances(stamp)
         if not self.advances:
@@ -125,7 +125,7 @@ class PoseClock:
 
         Args:
             timeout: [s] largest age of a pose.
-            in_real_time: True to check the age on the steady clock, too; otherwise only on the caller's clock.
+            in_real_time: True to check the age on both clocks; False to check it on the caller's clock only.
         """
         if not self.has_pose:
             return False
@@ -133,8 +133,8 @@ class PoseClock:
 
     def _limited(self, dt: float) -> float:
         """Limit ``dt`` [s] to the time that has passed on the steady clock since the last step, plus _SLACK."""
-        passed = math.nan if self.is_simulated else self._steady - self._stepped
-        self._stepped = self._steady
+        passed = math.nan if self.is_simulated else self._steady - self._last_step
+        self._last_step = self._steady
         if self._is_halted:
             self._is_halted, self._credit = False, 0.0
             return 0.0
@@ -153,13 +153,13 @@ class RemainingPath(NamedTuple):
     goals: int
     """number of goals that remain"""
     is_near: bool
-    """the last goal is so near that manoeuvres need not reduce the distance"""
+    """True if the last goal is so near that manoeuvres need not reduce the distance"""
     is_at_rest: bool
-    """the robot rests near the last goal"""
+    """True if the robot rests near the last goal"""
 
 
 def _turn_and_start(sheet: DataSheet) -> float:
-    """Return the time [s] for a whole turn, and for accelerating to the largest speeds and braking."""
+    """Return the time [s] for a full turn, and for accelerating to the largest speeds and braking from them."""
     v, omega = (max(limit, _SLOWEST) for limit in fastest(sheet))
     ramps = (
         0.0 if bound == math.inf else 2.0 * speed / bound
@@ -189,7 +189,7 @@ def _least_progress(best: float) -> float:
 
 
 class GoalGuard:
-    """Ends a goal that is not reached: after its timeout, without progress, or at rest off the goal."""
+    """Decides when to give up a goal: after its timeout, without progress, or at rest near the goal."""
 
     def __init__(self) -> None:
         """Start without a goal."""
@@ -200,13 +200,13 @@ class GoalGuard:
         self._goal_age = 0.0
         """[s] time since the present goal of the path became the next one"""
         self._option = 0.0
-        """[s] value of goal_timeout from which the timeout was set"""
+        """[s] goal_timeout when the timeout was set"""
         self._is_final = False
         """True if the pose was known when the timeout was derived"""
         self._best = self._last = math.inf
         """[m] smallest and newest remaining distance"""
         self._was_near = False
-        """True if the robot has been near the last goal, where its manoeuvres need not bring it closer"""
+        """True if the robot has been near the last goal, where manoeuvres need not reduce the distance"""
         self._without_progress = self._at_rest = 0.0
         """[s] time without progress, and time at rest near the last goal"""
 
@@ -221,7 +221,7 @@ class GoalGuard:
             goals: number of goals of the route.
             sheet: limits of the robot.
             is_final: True if the pose is known; otherwise the timeout is derived again at the first step.
-            is_replanned: True if the previous path had the same last goal, so that its progress still counts.
+            is_replanned: True if the previous path had the same last goal, so that the progress timer continues.
         """
         self.age = 0.0
         self.next_goal()
@@ -233,7 +233,7 @@ class GoalGuard:
         self._is_final = is_final
 
     def next_goal(self) -> None:
-        """Restart a given timeout for the next goal of the path; a derived timeout is for the whole path."""
+        """Begin the next goal of the path: a timeout that was not derived applies to each goal."""
         self._goal_age = 0.0
 
     def pass_time(self, passed: float) -> None:
@@ -242,7 +242,7 @@ class GoalGuard:
         self._goal_age += passed
 
     def timeout_reason(self) -> str:
-        """Return why the goal is given up if its timeout has passed; otherwise an empty text."""
+        """Return why the goal is given up if its timeout has passed; otherwise an empty string."""
         if (self.age if self._option < 0.0 else self._goal_age) < self.timeout - _ROUNDING:
             return ""
         derived = " (derived from distance and limits)" if self._option < 0.0 else ""
@@ -259,7 +259,7 @@ class GoalGuard:
         """
         if not self._is_final or option != self._option:
             self._set_timeout(option, path.distance, path.goals, sheet)
-        # A noisy estimate alternates between rest and motion, so motion reduces the time instead of resetting it.
+        # Noise makes a resting robot move now and then, so motion reduces this time instead of resetting it.
         self._at_rest = max(self._at_rest + (dt if path.is_at_rest else -dt), 0.0)
         if self._at_rest >= _REST_TIME:
             return f"at rest for {_REST_TIME:.0f} s without being within the tolerances, {path.distance:.2f} m to go"

@@ -9,7 +9,7 @@ One step of this project's law, with its memory as argument and result::
     observation = Observation(estimate, 0.1, 0.1, CONTACT_UNKNOWN)
     memory, command, report = step(new_memory(), observation, goal, SwitchingConfig())
 
-:mod:`diffbot_control.goals` adds goals, paths and timeouts. The laws compute with ``math`` alone.
+:mod:`diffbot_control.goals` adds goals, paths and timeouts. The laws use only the module ``math``.
 """
 
 from diffbot_control.law.configuration import PaperConfig, PaperGains, SwitchingConfig

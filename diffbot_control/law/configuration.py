@@ -9,7 +9,7 @@ from diffbot_core.data_sheet import PAPER_DATA_SHEET, DataSheet
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.schema import DISTANCE, GAIN, SPEED, Spec, known_fields
 
-_ALLOW_BACKWARD = Spec("reverse towards a goal behind the robot; otherwise turn on the spot until it is in front")
+_ALLOW_BACKWARD = Spec("reverse towards a goal behind the robot; otherwise turn on the spot until the goal is in front")
 
 
 @known_fields
@@ -19,12 +19,12 @@ class SwitchingConfig(NamedTuple):
     data_sheet: DataSheet = DataSheet()
     tolerance: GoalTolerance = GoalTolerance()
     allow_backward: Annotated[bool, _ALLOW_BACKWARD] = True
-    symmetric_yaw_tolerance: Annotated[bool, Spec("the heading at the goal may also be opposite to the goal's")] = False
+    symmetric_yaw_tolerance: Annotated[bool, Spec("the robot may also arrive with the opposite heading")] = False
     sigma_known: Annotated[
         float,
         Spec(
             "standard deviation of the position above which the robot approaches more slowly; at least 0.3 of "
-            "xy_goal_tolerance. The reaction time of the speed grows with the square of the deviation",
+            "xy_goal_tolerance. The reaction time of the speed increases with the square of the deviation",
             "m",
             1e-4,
             10.0,
@@ -64,7 +64,7 @@ class PaperConfig(NamedTuple):
     eps_P_leave: Annotated[float, Spec("Omega_L is left above this distance", "m", *DISTANCE)] = 0.6
 
     def check(self) -> None:
-        """Refuse a leaving radius below the entering radius, because the region would alternate.
+        """Refuse a leaving radius below the entering radius, with which the region would alternate.
 
         Raises:
             InvalidValueError: naming both radii.

@@ -1,7 +1,7 @@
 """The law ``docking``: drive to a staging pose with the law ``switching``, then along the dock's axis until contact.
 
-Poses and goals are in the dock's frame, see :mod:`docking_axis`. A goal at the origin means to dock, and a goal on the
-axis before the origin means to undock. During the approach, the predicted errors at contact decide whether the robot
+Poses and goals are in the dock's frame, see :mod:`docking_axis`. For a goal at the origin the robot docks; for a goal
+on the axis before the origin it undocks. During the approach, the predicted errors at contact decide whether the robot
 continues, or retreats along the axis and tries again.
 """
 
@@ -43,17 +43,17 @@ STAGING, APPROACHING, RETREATING, DOCKED, FAILED, UNDOCKING, UNDOCKED = 0, 1, 2,
 PHASE_NAMES = ("staging", "approaching", "retreating", "docked", "failed", "undocking", "undocked")
 
 _ENTRY = 0.4
-"""largest predicted error at which the approach begins, as a share of the tolerances"""
+"""largest predicted error at contact with which the approach begins, as a share of the tolerances"""
 _REST = 1.0
 """[s] time at rest at the staging pose after which the robot retreats along the axis to align itself"""
 _STALL_TIME, _STALL_DISTANCE, _STALL_STEP = 0.7, 0.01, 0.1
 """The robot stands against the dock if it moves less than _STALL_DISTANCE [m] towards it in _STALL_TIME [s]. The time
 between two poses counts as at most _STALL_STEP [s]."""
 _MARGIN, _ALIGNING = 0.05, 0.5
-"""[m] distance behind the staging pose at which a retreat ends. The first is for an approach that was broken off in the
-corridor, the second for a rest at the staging pose or an approach that was broken off outside the corridor."""
+"""[m] distance behind the staging pose at which a retreat ends: after an approach that was broken off in the corridor,
+and after a rest at the staging pose or an approach that was broken off outside the corridor"""
 _COMMIT_TIMEOUT = 4.0
-"""[s] longest time that the robot waits, at commit_distance for certainty and at the dock for its switch"""
+"""[s] longest time that the robot waits at commit_distance for a certain estimate, and at the dock for contact"""
 _LEAVE = 1.5
 """bound of the corridor during an approach, as a multiple of CORRIDOR: a hysteresis against noisy poses"""
 _RETREAT_LENGTHS = 4.0
@@ -61,7 +61,7 @@ _RETREAT_LENGTHS = 4.0
 _NEAR = 0.2
 """[m] largest distance behind the staging pose at which an approach may begin"""
 _WAITING = 0.01
-"""[m] distance before commit_distance at which the robot starts to count as waiting"""
+"""[m] distance before commit_distance from which on the robot counts as waiting"""
 _BRAKE_SHARE = 0.5
 """share of the acceleration limit that the speed along the axis uses"""
 _ON_AXIS, _ALONG_AXIS, _UNDOCKED = 0.01, 0.02, 0.02
@@ -75,7 +75,7 @@ class Stage(NamedTuple):
     tries: int
     """number of approaches that were broken off"""
     committed: bool
-    """the robot continues even if the estimate becomes uncertain"""
+    """the robot drives on to the dock, even if the estimate becomes uncertain"""
     wait: float
     """[s] time at rest at the staging pose, time of waiting for certainty, or time without progress near contact"""
     nearest: float
@@ -100,6 +100,7 @@ class StageInput(NamedTuple):
     """Input for the next stage. Poses are in the dock's frame, as :func:`leading` returns them."""
 
     now: Pose
+    """estimated pose"""
     rest: Pose
     """pose in which the robot would come to rest"""
     uncertainty: Uncertainty
@@ -126,8 +127,8 @@ def docking_step(
 ) -> tuple[DockingMemory, Twist, Report]:
     """Dock or undock for one period; see :meth:`Law.step`.
 
-    Pose and goal are in the dock's frame. A goal fails if it is neither at the origin nor on the axis before it. The
-    command is zero at the goal and after the last approach.
+    Pose and goal are in the dock's frame. The robot gives up a goal that is neither at the origin nor on the axis
+    before the origin. The command is zero at the goal and after the last approach.
     """
     sheet, estimate, dt = config.drive.data_sheet, observation.estimate, observation.dt
     if not math.isfinite(estimate.pose.x + estimate.pose.y + estimate.pose.theta):
@@ -149,7 +150,7 @@ def docking_step(
     stage = _next_stage(stage, given, config)
     drive = memory.drive if stage.phase == memory.stage.phase else new_memory()
     if stage.phase == STAGING:
-        # The memory of the drive may be older than the motion, after a new goal or a command of the supervisor.
+        # After a new goal or a command of the supervisor, the memory of the drive does not contain the current motion.
         moving = with_motion(drive, memory.command, memory.actuation)
         staging = pose_on_axis(config.staging_distance, config.dock_backward)
         drive, command, report = switching_step(moving, observation, staging, config.drive)
@@ -197,7 +198,7 @@ def _next_staging(stage: Stage, given: StageInput, config: DockingConfig) -> Sta
         return _begin(APPROACHING, stage.tries)
     wait = stage.wait + given.dt if given.stands else 0.0
     if wait > _REST:
-        # The robot returns to the staging pose in motion and on the axis, so it comes through the corridor.
+        # After this retreat the robot drives along the axis and arrives at the staging pose within the corridor.
         return _begin(RETREATING, stage.tries, config.staging_distance + _ALIGNING)
     return Stage(STAGING, stage.tries, False, wait, math.inf, 0.0)
 
@@ -208,7 +209,7 @@ def _next_approach(stage: Stage, given: StageInput, config: DockingConfig) -> St
         return _near_contact(stage, given, config)
     error, distance = contact_error(rest, config), -rest.x
     inside = is_inside(rest, _LEAVE)
-    # A contact so far from the dock means that the robot touches something else, or that the pose is wrong.
+    # A contact here, before the dock, means that the robot touches something else or that the pose is wrong.
     will_miss = given.contact == CONTACT or not (inside and is_within(error, 1.0, config))
     if (will_miss and distance > STRAIGHT_LENGTH) or stage.wait > _COMMIT_TIMEOUT:
         return _broken_off(stage, inside, config)
@@ -246,7 +247,7 @@ def _near_contact(stage: Stage, given: StageInput, config: DockingConfig) -> Sta
 
 
 def _requested(stage: Stage, pose: Pose, goal_distance: float, gains: Gains, config: DockingConfig) -> Twist:
-    """Return the command on the axis before the limits, for a robot that docks with its front."""
+    """Return the command on the axis, without limits, for a robot that docks with its front."""
     phase, length, distance = stage.phase, APPROACH_LENGTH, -pose.x
     if phase in (RETREATING, UNDOCKING):
         end = stage.retreat + _MARGIN if phase == RETREATING else goal_distance
@@ -275,7 +276,7 @@ def _brake(gains: Gains, config: DockingConfig) -> float:
 
 
 class StagingLaw(Law):
-    """A law that first drives to a staging pose; ``drive`` in its Config is the configuration of this drive."""
+    """A law that first drives to a staging pose; the field ``drive`` of its Config configures this drive."""
 
     @staticmethod
     def data_sheet(config: Any) -> DataSheet:
@@ -305,7 +306,7 @@ class Docking(StagingLaw):
 
     @staticmethod
     def after_command(memory: Any, command: Twist, dt: float, config: Any) -> DockingMemory:
-        """Update the motion."""
+        """Store the new command and the motion."""
         actuation = after_a_period(memory.actuation, memory.command, dt, config.drive.data_sheet)
         after: DockingMemory = memory._replace(command=command, actuation=actuation)
         return after
@@ -317,7 +318,7 @@ class Docking(StagingLaw):
 
     @staticmethod
     def reason_to_give_up(memory: Any, config: Any) -> str:
-        """Give up after the last approach, or if the goal is not on the axis."""
+        """Return why the robot gives up: after the last approach, or because the goal is not on the axis."""
         if memory.stage.phase != FAILED:
             return ""
         if memory.stage.tries == 0:

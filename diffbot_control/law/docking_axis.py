@@ -1,4 +1,4 @@
-"""The axis of a dock: commands along it, and the predicted error at contact.
+"""The axis of a dock: commands along the axis, and the predicted error at contact.
 
 Poses are in the dock's frame: its origin is the position of the docked robot, and its x axis is the heading of the
 docked robot. Let x, y, theta be the pose of the robot, and v > 0 its speed towards the dock. On the axis
@@ -8,8 +8,8 @@ docked robot. Let x, y, theta be the pose of the robot, and v > 0 its speed towa
 so dV = -2 |v| theta^2 / lambda <= 0 at any speed, in both directions. As a function of the distance driven, y has a
 double pole at -1 / lambda at any speed. A robot that stands does not turn. V <= CORRIDOR^2 / 2 bounds y and theta until
 contact. From ``commit_distance`` on, the robot only holds its heading, as in Omega_L: omega = -2 |v| theta / lambda. A
-correction of y so near the dock would leave a heading error at contact. The errors at contact are predicted from the
-pose, see :func:`contact_error`. If the robot docks with its back, the frame is turned by pi, see :func:`leading`.
+correction of y so near the dock would leave a heading error at contact. :func:`contact_error` predicts the errors at
+contact from the pose. If the robot docks with its back, the frame is turned by pi, see :func:`leading`.
 """
 
 from __future__ import annotations
@@ -33,8 +33,7 @@ CORRIDOR = 0.4
 STRAIGHT_LENGTH = 0.05
 """[m] distance before contact within which the robot does not steer"""
 _SIGMAS = 2.6
-"""number of standard deviations that must fit into the tolerances, in addition to the predicted error, before the robot
-commits"""
+"""The robot commits if the predicted error plus this number of standard deviations is within the tolerances."""
 
 
 @known_fields
@@ -44,10 +43,16 @@ class DockingConfig(NamedTuple):
     ``allow_backward`` applies to this drive alone: the robot always leaves the dock along the axis, without turning.
     """
 
-    dock_backward: Annotated[bool, Spec("the robot docks with its back")] = False
+    dock_backward: Annotated[bool, Spec("true: the robot docks with its back")] = False
     staging_distance: Annotated[float, Spec("distance of the staging pose from the docked pose", "m", *LENGTH)] = 0.7
     commit_distance: Annotated[
-        float, Spec("the robot comes nearer than this only if it will dock within the tolerances", "m", 0.0, 10.0)
+        float,
+        Spec(
+            "distance from the docked pose that the robot passes only if it will dock within the tolerances",
+            "m",
+            0.0,
+            10.0,
+        ),
     ] = 0.33
     dock_speed: Annotated[float, Spec("speed along the axis", "m/s", *SPEED)] = 0.12
     contact_speed: Annotated[float, Spec("speed at contact", "m/s", *SPEED)] = 0.08
@@ -56,10 +61,10 @@ class DockingConfig(NamedTuple):
         Spec("largest distance that the robot drives beyond the docked pose to find contact", "m", 0.0, 1.0),
     ] = 0.03
     dock_xy_tolerance: Annotated[
-        float, Spec("largest lateral error at contact, with 2.6 standard deviations added", "m", *LENGTH)
+        float, Spec("largest lateral error at contact, including 2.6 standard deviations", "m", *LENGTH)
     ] = 0.02
     dock_yaw_tolerance: Annotated[
-        float, Spec("largest heading error at contact, with 2.6 standard deviations added", "rad", *ANGLE)
+        float, Spec("largest heading error at contact, including 2.6 standard deviations", "rad", *ANGLE)
     ] = 0.013
     dock_tries: Annotated[int, Spec("number of approaches before the robot gives up", minimum=1, maximum=100)] = 3
     drive: SwitchingConfig = SwitchingConfig()
@@ -86,13 +91,13 @@ def axis_lyapunov(pose: Pose, length: float) -> float:
 
 
 def along_axis(pose: Pose, v: float, length: float) -> Twist:
-    """Return the command with the speed ``v`` [m/s] that keeps dV <= 0; negative away from the dock."""
+    """Return the command with dV <= 0 for the velocity ``v`` [m/s], which is negative away from the dock."""
     curvature = pose.y * sinc(pose.theta) / (length * length)
     return Twist(v, -v * curvature - 2.0 * abs(v) * pose.theta / length)
 
 
 def hold_heading(pose: Pose, v: float, length: float) -> Twist:
-    """Return the command with the speed ``v`` [m/s] that reduces the heading error only."""
+    """Return the command that reduces only the heading error, at the velocity ``v`` [m/s]."""
     return Twist(v, -2.0 * abs(v) * pose.theta / length)
 
 
@@ -105,9 +110,9 @@ def contact_error(pose: Pose, config: DockingConfig) -> ContactError:
     length, distance = APPROACH_LENGTH, max(-pose.x, 0.0)
     straight = min(STRAIGHT_LENGTH, distance)
     hold = max(min(config.commit_distance, distance) - straight, 0.0)
-    way = max(distance - straight - hold, 0.0)
-    slope, left = pose.y / length + pose.theta, math.exp(-way / length)
-    y, theta = (pose.y + slope * way) * left, (pose.theta - slope * way / length) * left
+    steered = max(distance - straight - hold, 0.0)
+    slope, left = pose.y / length + pose.theta, math.exp(-steered / length)
+    y, theta = (pose.y + slope * steered) * left, (pose.theta - slope * steered / length) * left
     held = math.exp(-2.0 * hold / length)
     y, theta = y + 0.5 * length * theta * (1.0 - held), theta * held
     return ContactError(y + straight * theta, theta)
@@ -119,7 +124,7 @@ def is_within(error: ContactError, share: float, config: DockingConfig) -> bool:
 
 
 def is_certain(error: ContactError, distance: float, uncertainty: Uncertainty, config: DockingConfig) -> bool:
-    """Return True if the error is within the tolerances with its uncertainty, ``distance`` [m] before contact."""
+    """Return True if the error and its deviations, ``distance`` [m] before contact, are within the tolerances."""
     lateral = math.hypot(uncertainty.xy, distance * uncertainty.theta)
     return (
         abs(error.y) + _SIGMAS * lateral <= config.dock_xy_tolerance
@@ -128,12 +133,12 @@ def is_certain(error: ContactError, distance: float, uncertainty: Uncertainty, c
 
 
 def leading(pose: Pose, config: DockingConfig) -> Pose:
-    """Return the pose as if the robot docked with its front: turn the frame by pi if it docks with its back."""
+    """Return the pose as if the robot docked with its front: turn the frame by pi if the robot docks with its back."""
     if not config.dock_backward:
         return pose
     return Pose(-pose.x, -pose.y, pose.theta)
 
 
-def is_inside(pose: Pose, wider: float) -> bool:
-    """Return True if a pose is in the corridor, with the bound CORRIDOR times ``wider``."""
-    return math.sqrt(2.0 * axis_lyapunov(pose, APPROACH_LENGTH)) <= wider * CORRIDOR
+def is_inside(pose: Pose, scale: float) -> bool:
+    """Return True if a pose is in the corridor whose bound is ``scale`` * CORRIDOR."""
+    return math.sqrt(2.0 * axis_lyapunov(pose, APPROACH_LENGTH)) <= scale * CORRIDOR

@@ -14,8 +14,8 @@ from diffbot_core.uncertainty import CERTAIN, Uncertainty, disc_probability, int
 STOPPED_SPEED, STOPPED_TURN_RATE = 0.05, 0.1
 """[m/s], [rad/s] largest commands that count as rest"""
 _SOON = 3.0
-"""A robot at rest will soon count as at the goal if the probability of being outside is at most this multiple of the
-allowed probability: the estimate still improves."""
+"""A robot at rest will soon count as at the goal if its probability of being outside the tolerance is at most this
+multiple of the allowed probability, because the estimate still improves."""
 
 
 @known_fields
@@ -31,7 +31,7 @@ class GoalTolerance(NamedTuple):
     reached_probability: Annotated[
         float,
         Spec(
-            "probability, by the estimate's covariance, that the true pose is within the tolerances",
+            "required probability, given the covariance of the pose, that the true pose is within the tolerances",
             "-",
             0.5,
             0.9999,
@@ -51,7 +51,7 @@ class Settling(NamedTuple):
 def next_settling(before: Settling, inside: bool, tolerance: GoalTolerance) -> Settling:
     """Return the progress after one more pose; ``inside`` is True if the pose is within the tolerances."""
     if not inside and before.steps_within == 0:
-        return before  # most steps; faster than a new tuple
+        return before  # the usual case: faster than a new tuple
     steps_within = before.steps_within + 1 if inside else 0
     return Settling(steps_within, before.reached or steps_within >= tolerance.settling_steps)
 
@@ -98,14 +98,14 @@ def _probably_within(theta: float, rho: float, tolerance: GoalTolerance, uncerta
 
 
 def is_knowable(tolerance: GoalTolerance, uncertainty: Uncertainty) -> bool:
-    """Return True if an estimate with this uncertainty can count as reached: it does with the goal as its mean."""
+    """Return True if an estimate with this uncertainty counts as reached when its mean is at the goal."""
     return _probably_within(0.0, 0.0, tolerance, uncertainty)
 
 
 def is_off(rho: float, tolerance: GoalTolerance, uncertainty: Uncertainty) -> bool:
     """Return True if the position error ``rho`` [m] is significant.
 
-    That is, a robot that waits here will not soon count as at the goal, but a robot at the goal point would.
+    That is, a robot that rests here will not soon count as at the goal, but a robot at the goal point would.
     """
     radius, missing = tolerance.xy_goal_tolerance, 1.0 - tolerance.reached_probability
     if disc_probability(rho, uncertainty.xy, radius) >= 1.0 - _SOON * missing:

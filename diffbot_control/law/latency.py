@@ -1,9 +1,9 @@
 """Dead time and lag: predict the pose in which the robot would come to rest, from the commands that still act.
 
 The drives are modelled as a first-order lag behind a dead time: x' + lag x'' = command. The law works with the *coasted
-pose*, in which the robot would come to rest if zero were commanded from now on. This is z = x + lag x', taken after the
-dead time, and z' = command. So neither dead time nor lag remains in the control loop. On a straight line this is exact,
-and on a curve it holds to first order.
+pose*, in which the robot would come to rest if zero were commanded from now on. This is z = x + lag x' at the end of
+the dead time, and z' = command. So neither dead time nor lag remains in the control loop. On a straight line this is
+exact, and on a curve it holds to first order.
 """
 
 from __future__ import annotations
@@ -18,11 +18,12 @@ from diffbot_core.uncertainty import Estimate, Uncertainty
 
 SLOTS = 8
 """Number of commands that are kept. If more commands are sent within the dead time, neighbouring commands are merged
-into their mean, which moves the robot as far. Any two neighbouring slots span more than a quarter of the dead time."""
+into their mean, which moves the robot equally far. Any two neighbouring slots span more than a quarter of the dead
+time."""
 _SHORTEST = 1e-9
 """[s] a shorter time is a rounding error"""
 _MOTION_ERROR = 0.05
-"""bound of the relative error of a commanded motion, caused by +-5 % per wheel"""
+"""bound of the relative error of a commanded motion: +-5 % per wheel"""
 _STRAIGHT = 0.01
 """[rad] below this angle sin(a) / a is computed from its series, which is exact to 1e-11 there"""
 
@@ -63,7 +64,7 @@ class Coasted(NamedTuple):
 
 
 def resting_actuation() -> Actuation:
-    """Return the state at rest, with every field given, because compiled code does not know the defaults."""
+    """Return the actuation at rest. All fields are given, because compiled code does not know the defaults."""
     none = HeldTwist(0.0, 0.0, 0.0)
     return Actuation(Twist(0.0, 0.0), (none, none, none, none, none, none, none, none))
 
@@ -113,7 +114,7 @@ def coast(pose: Pose, actuation: Actuation, command: Twist, dt: float, data_shee
             dv, domega, gone = v - held_v, omega - held_omega, lag * (1.0 - left)
             forward, turn = forward + dv * gone, turn + domega * gone
             v, omega = held_v + dv * left, held_omega + domega * left
-        # This is _moved, inlined because the loop runs at each pose.
+        # The same as _moved, inlined because the loop runs at each pose.
         half = 0.5 * turn
         if half > _STRAIGHT or half < -_STRAIGHT:
             chord = forward * math.sin(half) / half
@@ -131,7 +132,7 @@ def coast(pose: Pose, actuation: Actuation, command: Twist, dt: float, data_shee
 
 
 def _command_at(history: CommandHistory, age: float) -> tuple[int, float, float]:
-    """Return the index of the command that was held ``age`` [s] ago, and for how long [s] it was held until then.
+    """Return the index of the command that was held ``age`` [s] ago, and how long [s] it had been held by then.
 
     The third value is the part [s] of ``age`` before the first command of the history.
     """
@@ -175,7 +176,7 @@ def _moved(x: float, y: float, theta: float, forward: float, turn: float) -> tup
 
 
 def predicted(coasted: Coasted, uncertainty: Uncertainty) -> Estimate:
-    """Return the estimate of the coasted pose.
+    """Return the coasted pose as an estimate, whose uncertainty includes the predicted motion.
 
     The relative error of the predicted motion is assumed uniform in +-5 %.
     """

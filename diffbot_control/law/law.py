@@ -1,4 +1,4 @@
-"""The base class of control laws with its defaults, and the guarded calls by which the supervisor uses any law.
+"""The base class of control laws, and the guarded calls of a law that the supervisor makes.
 
 A custom law needs a configuration and two functions::
 
@@ -12,8 +12,8 @@ A custom law needs a configuration and two functions::
         @staticmethod
         def step(memory, observation, goal, config): ...
 
-All functions are pure, and take the memory as an argument. So the node, the simulation and compiled code call the same
-functions. A law is never instantiated.
+All functions are pure and receive the memory as an argument, so the node, the simulation and compiled code call the
+same functions. A law is never instantiated.
 """
 
 from __future__ import annotations
@@ -35,7 +35,8 @@ from diffbot_core.uncertainty import Estimate
 
 STOP = Twist(0.0, 0.0)
 CONTACT_UNKNOWN, NO_CONTACT, CONTACT = -1, 0, 1
-"""Contact with the dock: not reported; reported as open; reported by a closed switch, or by a battery that charges."""
+"""Contact with the dock. CONTACT_UNKNOWN: no switch reports. NO_CONTACT: the switch is open. CONTACT: the switch is
+closed, or a charger supplies the robot."""
 
 
 class Observation(NamedTuple):
@@ -146,12 +147,12 @@ class Law:
 
     @staticmethod
     def describe(memory: Any, config: Any) -> dict[str, str]:
-        """Return key-value pairs about the memory, which ~/status shows. Default: none."""
+        """Return key-value pairs about the memory for ~/status. Default: none."""
         return {}
 
     @staticmethod
     def reason_to_give_up(memory: Any, config: Any) -> str:
-        """Return why the robot will not reach the goal. A text ends the goal. Default: empty."""
+        """Return why the robot will not reach the goal; a string that is not empty ends the goal. Default: empty."""
         return ""
 
 
@@ -160,10 +161,10 @@ class LawError(DiffbotError):
 
 
 class errors_of:  # noqa: N801 - used as a function; a generator would be slower, and each step uses it
-    """Context in which an error of the law becomes a LawError, whose line names the type and the place of the error."""
+    """Context that converts an error of the law to a LawError of one line, with the type and the place of the error."""
 
     def __init__(self, law: type[Law]) -> None:
-        """Store the law, for its name."""
+        """Store the law, whose name the LawError contains."""
         self._law = law
 
     def __enter__(self) -> None:
@@ -186,7 +187,7 @@ class Step(NamedTuple):
     command: Twist
     report: Report
     reason_to_give_up: str
-    """why the law gives the goal up; empty if it continues"""
+    """why the law gives the goal up; empty if the law continues"""
     data_sheet: DataSheet
     tolerance: GoalTolerance
 

@@ -1,7 +1,7 @@
 """Limits of the command: bounds of the velocities and of their changes, and the dead bands.
 
-The law of the paper scales v and omega by one factor, which keeps the curvature of the path. The law with braking
-profiles reduces the speed and keeps the steering, so that dV <= 0 still holds.
+The law ``paper`` scales v and omega by one factor, which keeps the curvature of the path. The law ``switching`` reduces
+the speed and keeps the steering, so that dV <= 0 still holds.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from diffbot_core.kinematics import Twist, wheel_speeds
 
 _INF = math.inf
 _LIFTED_SHARE = 0.4
-"""A velocity below this share of the dead band becomes zero. A larger one becomes the smallest that moves the robot."""
+"""Below this share of the dead band, a velocity becomes zero; above it, the smallest velocity that moves the robot."""
 _ROUNDING = 1.0 + 1e-12
 """Factor on the bounds, so that rounding does not put a command beyond its bound."""
 
@@ -36,8 +36,9 @@ def limit_acceleration(command: Twist, previous: Twist, dt: float, data_sheet: D
     """Return the twist on the curve of ``command`` that the robot can reach from ``previous`` within ``dt`` [s].
 
     The result is s * command, with the largest factor s in [0, 1] for which neither velocity changes by more than its
-    bound times dt. So the path keeps its curvature, and only the timing changes. If the robot still moves along another
-    curve, no such factor may exist. Then each velocity moves towards the command by itself: see :func:`limit_change`.
+    bound times dt. So the path keeps its curvature, and only the timing changes. While the robot still moves along
+    another curve, such a factor may not exist. Then each velocity changes towards the command by itself, see
+    :func:`limit_change`.
     """
     if data_sheet.a_max == _INF and data_sheet.omega_dot_max == _INF:
         return command
@@ -72,7 +73,7 @@ def _towards(requested: float, previous: float, change: float) -> float:
 
 
 def limit_change(command: Twist, previous: Twist, dt: float, data_sheet: DataSheet) -> Twist:
-    """Move each velocity from ``previous`` towards ``command`` as far as ``dt`` [s] allows, within all bounds.
+    """Change each velocity from ``previous`` towards ``command`` as far as ``dt`` [s] allows, within all bounds.
 
     If the faster rim exceeds its bound, the speed is reduced first, as far as ``dt`` allows, and then the rotation. A
     bound that is lowered while the robot drives may be out of reach. Then the result brakes as hard as the
@@ -86,13 +87,13 @@ def limit_change(command: Twist, previous: Twist, dt: float, data_sheet: DataShe
     omega = _towards(_clip(command.omega, data_sheet.omega_max), previous.omega, domega)
     if abs(v) + half * abs(omega) > rim:
         v = _clip(v, max(rim - half * abs(omega), abs(previous.v) - dv, 0.0))
-        # The second bound matters only if the rim is still too fast: a rotation cannot end at once.
+        # The second bound matters only if the rim is still too fast, because a rotation cannot end at once.
         omega = _clip(omega, max((rim - abs(v)) / half, abs(previous.omega) - domega, 0.0))
     return Twist(v, omega)
 
 
 def slowed(previous: Twist, dt: float, data_sheet: DataSheet) -> Twist:
-    """Return the command after braking from ``previous`` for ``dt`` [s], as hard as the limits allow on the same curve.
+    """Return the command after braking from ``previous`` on the same curve for ``dt`` [s], as hard as the limits allow.
 
     A velocity beyond a bound that was lowered while the robot drives leaves the curve: see :func:`limit_change`.
     """
@@ -159,11 +160,11 @@ def limit_local(command: Twist, data_sheet: DataSheet) -> Twist:
     return Twist(_clip(v, min(data_sheet.v_max, max(rim - half * abs(omega), 0.0))), omega)
 
 
-def lifted(value: float, least: float) -> float:
-    """Replace a velocity inside the dead band ``least`` by zero, or by the smallest velocity that moves the robot."""
-    if abs(value) >= least:
+def lifted(value: float, dead_band: float) -> float:
+    """Replace a velocity below ``dead_band``, which does not move the robot, by zero or by ``dead_band``."""
+    if abs(value) >= dead_band:
         return value
-    return math.copysign(least, value) if abs(value) > _LIFTED_SHARE * least else 0.0
+    return math.copysign(dead_band, value) if abs(value) > _LIFTED_SHARE * dead_band else 0.0
 
 
 def lifted_command(command: Twist, data_sheet: DataSheet) -> Twist:
@@ -174,7 +175,7 @@ def lifted_command(command: Twist, data_sheet: DataSheet) -> Twist:
 
 
 def _lifted_parts(phi: float, v: float, turn: float, data_sheet: DataSheet) -> tuple[float, float, float]:
-    """Lift the command (v, phi + turn) out of the dead bands, before the limits; v and turn keep their ratio."""
+    """Lift the command (v, phi + turn) out of the dead bands; v and turn keep their ratio."""
     if data_sheet.min_velocity > 0.0 and v != 0.0:
         factor = lifted(v, data_sheet.min_velocity) / v
         v, turn = factor * v, factor * turn

@@ -1,12 +1,12 @@
-"""The law of the paper: (13) in Omega_G, (17) in Omega_L, with its tanh profile and its fixed region.
+"""The law of the paper: (13) in Omega_G and (17) in Omega_L, with a tanh profile and a fixed region.
 
     Omega_G:  v = gamma tanh(rho) cos(alpha)
               omega = k alpha + gamma sinc(alpha) (tanh(rho) / rho) cos(alpha) (alpha + h beta)            Eq. (13)
     Omega_L:  v = gamma tanh(rho) cos(alpha),  omega = -k_2 theta                                          Eq. (17)
 
 The velocity along the robot's real axis has the same sign in *both* sectors. The paper prints a minus sign for the rear
-sector, because it reverses the forward direction there ("v := -v"). With the kinematics (3), this sign taken literally
-would drive away from a goal behind the robot. See docs/explanation/law.md. The limits keep the curvature of the path.
+sector, because it reverses the forward direction there ("v := -v"). With the kinematics (3), this sign would literally
+drive the robot away from a goal behind it. See docs/explanation/law.md. The limits keep the curvature of the path.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from diffbot_core.geometry import Pose, into_frame
 from diffbot_core.kinematics import Twist
 
 _SERIES = 1e-4
-"""[m] below this distance tanh(r) / r is computed from its series, which is exact to the last bit there"""
+"""[m] below this distance tanh(rho) / rho is computed from its series, which is exact to the last bit there"""
 
 
 class PaperMemory(NamedTuple):
@@ -88,7 +88,7 @@ def paper_step(
         region, radius = OMEGA_G, config.eps_P
         requested, lyapunov = global_law(navigation, gains), global_lyapunov(navigation, gains)
     if not config.allow_backward and requested.v < 0.0:
-        # Stand instead of reversing. In Omega_G, turn towards the goal: dV = -k alpha^2 <= 0.
+        # Do not reverse. In Omega_G, turn towards the goal on the spot: dV = -k alpha^2 <= 0.
         requested = Twist(0.0, gains.k * alpha if region == OMEGA_G else requested.omega)
     command = limit_acceleration(limit_velocity(requested, sheet), memory.command, observation.dt, sheet)
     if not (math.isfinite(command.v) and math.isfinite(command.omega)):
@@ -118,6 +118,6 @@ class PaperLaw(Law):
 
     @staticmethod
     def after_command(memory: Any, command: Twist, dt: float, config: Any) -> PaperMemory:
-        """Update the motion, and restart the count of consecutive poses within the tolerances."""
+        """Store the new command, and restart the count of consecutive poses within the tolerances."""
         after: PaperMemory = memory._replace(command=command)
         return after._replace(settling=after.settling._replace(steps_within=0))

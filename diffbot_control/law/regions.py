@@ -1,12 +1,13 @@
 """The regions Omega_G (far) and Omega_L (near) of the switching law, and the conditions for a change.
 
 The paper requires eps_P > |eps_rho| + |eps_v| / gamma for the worst errors possible (section 3.2). With its raw noise
-this gives a fixed circle, see :mod:`paper`. Here the radius follows the present standard deviation of the position. It
-shrinks as the filter converges, so the error is small when the robot enters Omega_L.
+this gives a fixed circle, see :mod:`paper`. Here the radius follows the current standard deviation of the position. The
+radius shrinks as the filter converges, so the error is small when the robot enters Omega_L.
 
 In Omega_L every (0, y, 0) is an equilibrium, so a lateral error remains. The estimate of this error improves while the
 robot rests. If the error is significant after the time REST, the robot leaves Omega_L and approaches the goal again
-with the law of Omega_G. The Lyapunov functions do not cover these departures; ``MAX_DEPARTURES`` bounds their number.
+with the law of Omega_G. The Lyapunov functions do not cover these departures, so ``MAX_DEPARTURES`` bounds their
+number.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ MAX_DEPARTURES = 20
 
 
 class Switching(NamedTuple):
-    """The present region."""
+    """The region, and how long the robot has rested in it."""
 
     region: int
     switches: int

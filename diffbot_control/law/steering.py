@@ -1,4 +1,4 @@
-"""The two laws of :mod:`switching`: drive and steer far from the goal, drive and hold the heading near it.
+"""The two laws of :mod:`switching`: drive and steer far from the goal, drive and hold the heading near the goal.
 
 The navigation variables are defined by Eq. (2) of the paper. *Braking profiles* replace the paper's gamma tanh(rho) and
 k alpha. A braking profile is the largest speed s from which the robot stops within a distance d, if it reacts after the
@@ -15,8 +15,9 @@ deceleration b. Let f(rho) be the profile of the speed and phi(alpha) the profil
     V_G = (rho^2 + alpha^2 + h beta^2) / 2   with   dV_G = -rho f cos^2(alpha) - alpha phi(alpha) <= 0
     V_L = (rho^2 + theta^2) / 2              with   dV_L = -rho f cos^2(alpha) - theta phi_L(theta) <= 0
 
-The weight h(rho) = h min(1, rho / 0.3 m) fades near the goal: the robot drives straight to the goal point, and turns
-there in Omega_L. The change of the weight adds h' rho' beta^2 / 2 to dV_G. This is <= 0, because rho' <= 0 and h' >= 0.
+The weight h(rho) = h min(1, rho / 0.3 m) fades near the goal, so that the robot drives straight to the goal point and
+turns there in Omega_L. The change of the weight adds h' rho' beta^2 / 2 to dV_G. This is <= 0, because rho' <= 0 and h'
+>= 0.
 """
 
 from __future__ import annotations
@@ -39,11 +40,11 @@ BEARING_FADE = 0.3
 ARRIVAL_SHARE = 0.3
 """required deviation of the position at arrival, as a share of xy_goal_tolerance"""
 BRAKE, TURN_BRAKE, HOLD_BRAKE = 3.0, 7.0, 5.0
-"""[m/s^2], [rad/s^2], [rad/s^2] largest decelerations of the profiles of the speed, the turn and the heading"""
+"""[m/s^2], [rad/s^2], [rad/s^2] largest decelerations of the braking profiles of the speed, the turn and the heading"""
 _BRAKE_SHARE, _TURN_BRAKE_SHARE = 0.86, 0.65
-"""shares of the limits that the profiles use; the rest is for errors of the estimate and of the drives"""
+"""shares of the acceleration limits that the profiles use; the rest is for errors of the estimate and of the drives"""
 _UNKNOWN_LATENCY = 0.2
-"""[s] dead time that the data sheet may omit while the loop stays stable"""
+"""[s] dead time missing in the data sheet with which the loop is still stable"""
 _DRIVE_LOOPS, _TURN_LOOPS, _HOLD_LOOPS = 2.0, 1.8, 1.6
 """reaction times as multiples of the loop's delay; the loop is stable above 2 / pi"""
 _SMALLEST_DISTANCE = 1e-9
@@ -95,9 +96,9 @@ class Gains(NamedTuple):
     """
 
     brake: float
-    """[m/s^2] of the speed"""
+    """[m/s^2] deceleration of the speed"""
     react: float
-    """[s] of the speed"""
+    """[s] reaction time of the speed"""
     turn_brake: float
     """[rad/s^2] of the turn towards the goal in Omega_G"""
     turn_react: float
@@ -111,8 +112,8 @@ class Gains(NamedTuple):
 def gains_of(data_sheet: DataSheet, period: float) -> Gains:
     """Derive the gains from the limits of the robot and the period [s] of its poses.
 
-    The delay of the loop is half a period, the mean age of a command that is held, plus 0.2 s. The 0.2 s are for dead
-    time that the data sheet omits, so that the law does not predict it.
+    The delay of the loop is half a period, the mean age of a command that is held, plus 0.2 s. The 0.2 s allow for dead
+    time that is missing in the data sheet, so that the law does not predict over it.
     """
     loop = 0.5 * period + _UNKNOWN_LATENCY
     turning = _TURN_BRAKE_SHARE * data_sheet.omega_dot_max
@@ -153,23 +154,23 @@ def bearing_weight(rho: float) -> float:
 
 
 UNDECIDED, FRONT, BACK = 0, 1, -1
-"""Direction of travel: the end of the robot that leads."""
+"""Direction of travel: not chosen yet, forwards, backwards."""
 
 
 class Course(NamedTuple):
-    """Decisions that are made once for a goal, and again when the robot leaves Omega_L."""
+    """Decisions that are made for each goal, and again when the robot leaves Omega_L."""
 
     leading: int
     """direction of travel: UNDECIDED, FRONT or BACK"""
     turned: bool
-    """the robot arrives with the heading opposite to the goal's (``symmetric_yaw_tolerance``)"""
+    """the robot arrives with the opposite heading (``symmetric_yaw_tolerance``)"""
 
 
 def chosen_course(navigation: Navigation, allow_backward: bool, symmetric: bool) -> Course:
     """Return the course with the least turning.
 
-    alpha_d and beta_d belong to the direction of travel. The robot turns by |alpha_d| onto the line to the goal, and by
-    |beta_d| from this line to the heading at the goal.
+    alpha_d and beta_d are the bearings for a direction of travel, see :func:`led_by`. The robot turns by |alpha_d| onto
+    the line to the goal, and by |beta_d| from this line to the heading at the goal.
     """
     rear_alpha, rear_beta = _opposite(navigation.alpha), _opposite(navigation.beta)
     alpha, beta = abs(navigation.alpha), abs(navigation.beta)
@@ -188,14 +189,14 @@ def _opposite(angle: float) -> float:
 
 
 def led_by(navigation: Navigation, leading: int) -> Navigation:
-    """Return the variables for a direction of travel: alpha_d and beta_d of the leading end."""
+    """Return the variables with alpha_d and beta_d, the bearings for a direction of travel: turned by pi for BACK."""
     if leading != BACK:
         return navigation
     return Navigation(navigation.rho, wrap_angle(navigation.alpha - math.pi), wrap_angle(navigation.beta - math.pi))
 
 
 def drive_and_steer(navigation: Navigation, ratio: float, leading: int, gains: Gains, data_sheet: DataSheet) -> Twist:
-    """Return the command of Omega_G within the bounds of the velocities; ``navigation`` is that of :func:`led_by`."""
+    """Return the command of Omega_G within the bounds of the velocities; ``navigation`` is from :func:`led_by`."""
     rho, alpha, beta = navigation
     cosine = math.cos(alpha)
     speed = approach_speed(rho, ratio, gains, data_sheet.v_max)
@@ -206,7 +207,7 @@ def drive_and_steer(navigation: Navigation, ratio: float, leading: int, gains: G
 
 
 def turn_to_the_goal(alpha: float, gains: Gains, data_sheet: DataSheet) -> Twist:
-    """Return a turn on the spot, for a robot that must not reverse; dV = -alpha phi(alpha) <= 0."""
+    """Return the turn on the spot of a robot that must not reverse; dV = -alpha phi(alpha) <= 0."""
     phi = signed_braking(alpha, gains.turn_brake, gains.turn_react, data_sheet.omega_max)
     return limit_global(phi, 0.0, 0.0, data_sheet)
 

@@ -1,12 +1,4 @@
-"""The law ``switching``: its step predicts over the latency, selects region and course, and limits the command.
-
-One step, with the memory as argument and result::
-
-    from diffbot_control.law import CONTACT_UNKNOWN, Observation, SwitchingConfig, new_memory, step
-
-    observation = Observation(estimate, 0.1, 0.1, CONTACT_UNKNOWN)
-    memory, command, report = step(new_memory(), observation, goal, SwitchingConfig())
-"""
+"""The law ``switching``: its step predicts over the latency, selects region and course, and limits the command."""
 
 from __future__ import annotations
 
@@ -122,14 +114,14 @@ def coasted_estimate(
 
 
 def _turned(local: Pose) -> Pose:
-    """Return a pose, given in the frame of the goal, in the frame that is turned by pi."""
+    """Transform a pose from the frame of the goal to the frame of the goal turned by pi."""
     return Pose(-local.x, -local.y, wrap_angle(local.theta - math.pi))
 
 
 def _next_course(memory: SwitchingMemory, region: int, pose: Pose, config: SwitchingConfig) -> Course:
-    """Return the course; choose it for a new goal, after Omega_L, and when ``allow_backward`` was switched off.
+    """Return the course; choose a new one for a new goal, after Omega_L, and if the course is no longer allowed.
 
-    ``pose`` is in the frame of the goal, which is not turned.
+    ``pose`` is in the frame of the goal, not in the frame turned by pi.
     """
     course = memory.course
     if region == OMEGA_G:
@@ -177,14 +169,14 @@ class SwitchingLaw(Law):
 
     @staticmethod
     def after_command(memory: Any, command: Twist, dt: float, config: Any) -> SwitchingMemory:
-        """Update the motion, and restart the count of consecutive poses within the tolerances."""
+        """Store the new command and the motion, and restart the count of consecutive poses within the tolerances."""
         actuation = after_a_period(memory.actuation, memory.command, dt, config.data_sheet)
         after: SwitchingMemory = memory._replace(command=command, actuation=actuation)
         return after._replace(settling=after.settling._replace(steps_within=0))
 
     @staticmethod
     def reason_to_give_up(memory: Any, config: Any) -> str:
-        """Give up if the robot has left Omega_L too often."""
+        """Return why the robot gives up, if it has left Omega_L too often."""
         departures = memory.switching.switches // 2
         if departures < MAX_DEPARTURES:
             return ""

@@ -40,7 +40,7 @@ LEVELS = {
     states.UNCERTAIN: DiagnosticStatus.WARN[0],
     states.NOT_AT_GOAL: DiagnosticStatus.ERROR[0],
 }
-"""Levels of the status texts; OK for the others."""
+"""Levels of the status texts; OK for the other texts."""
 BEYOND_LIMITS = "the command exceeds limits that were lowered: braking as fast as the accelerations allow"
 STATE_LOG_PERIOD = 2.0
 """[s] log throttle for one state and goal, so that alternating states do not fill the log"""
@@ -52,16 +52,16 @@ _ENDS = {
 
 
 class CommandOutput:
-    """Publishes cmd_vel, as the type to which the base subscribes, or the type in the parameter cmd_vel_type."""
+    """Publishes cmd_vel, with the type to which the base subscribes or that the parameter cmd_vel_type sets."""
 
     def __init__(self, node: ManagedNode[ControllerNodeConfig]) -> None:
         """Create the publisher."""
         self._node = node
         self.newest = Twist(0.0, 0.0)
         self.problem = self._found = ""
-        """why no base receives the commands, as two consecutive checks found; result of the newest check alone"""
+        """why no base receives the commands, once two consecutive checks agree; result of the newest check"""
         self._topic, self._next = node.resolve_topic_name("cmd_vel"), ""
-        """full name of cmd_vel; message type that the next check introduces, empty for no change"""
+        """full name of cmd_vel; message type to which the next check changes, empty for no change"""
         self._can_change = node.config.cmd_vel_type == AUTO
         self._open(TWIST_STAMPED if node.config.cmd_vel_type == TYPE_WORDS[TWIST_STAMPED] else TWIST)
 
@@ -73,7 +73,7 @@ class CommandOutput:
         self._type = kind
 
     def send(self, command: Twist, stamp: int | None = None) -> None:
-        """Publish a command; ``stamp`` [ns] is the stamp of the answered pose, by default the present time."""
+        """Publish a command; ``stamp`` [ns] is the stamp of the answered pose, by default the current time."""
         if isinstance(self._command, TwistStamped):
             now = self._node.get_clock().now().nanoseconds if stamp is None else stamp
             set_stamp(self._command.header.stamp, now)
@@ -92,7 +92,7 @@ class CommandOutput:
             self._node.get_logger().warning(text)
 
     def check(self, has_goal: bool) -> None:
-        """Check the subscriptions to cmd_vel, and follow their type unless a parameter sets it; called twice a second.
+        """Check the subscriptions to cmd_vel twice a second, and follow their type unless a parameter sets the type.
 
         Args:
             has_goal: True if the robot has a goal, so that a missing base is a problem.
@@ -119,11 +119,13 @@ class CommandOutput:
         kind, before, self._next = self._next, self._type, ""
         try:
             self._open(kind)
-        except RuntimeError:  # another node of this process uses the topic with the present type
+        except RuntimeError:  # another node of this process uses the topic with the previous type
             self._open(before)
             self._can_change = False
         else:
-            self._node.get_logger().info(f"cmd_vel: publishing {kind.rpartition('/')[2]}, as the base subscribes to it")
+            self._node.get_logger().info(
+                f"cmd_vel: publishing {kind.rpartition('/')[2]}, the type to which the base subscribes"
+            )
 
 
 class ControllerPublishers:
@@ -153,7 +155,7 @@ class ControllerPublishers:
         self._navigations.publish(self._navigation)
 
     def publish_status(self, supervisor: Supervisor, only_changes: bool = False) -> None:
-        """Publish the state and log its changes; with ``only_changes``, only if state or waypoint have changed."""
+        """Publish the state and log its changes; if ``only_changes``, only after a change of state or waypoint."""
         state = supervisor.status if self._node.is_active else INACTIVE
         if only_changes and (supervisor.status, supervisor.waypoint) == self._last_status:
             return

@@ -6,8 +6,8 @@ from typing import Any
 
 from diffbot_core.errors import InvalidValueError
 
-PREFIX_TEXT = "prefix of odom_frame and base_link_frame, such as robot1/; map_frame is common to all robots"
-RELIABLE_TEXT = "receive sensors only from reliable publishers, so that no message is lost (lock-step needs it)"
+PREFIX_TEXT = "prefix of odom_frame and base_link_frame, such as robot1/; map_frame has no prefix"
+RELIABLE_TEXT = "receive sensor data from reliable publishers only, so that no message is lost (lock-step needs it)"
 
 
 def robot_frame(config: Any) -> str:
@@ -30,6 +30,6 @@ def odometry_frame(config: Any) -> str:
 
 def _prefixed(prefix: str, frame: str) -> str:
     if prefix.startswith("/"):
-        # tf2 refuses such frames.
-        raise InvalidValueError("frame_prefix", prefix, "without a slash at its beginning")
+        # tf2 refuses frames with a leading slash.
+        raise InvalidValueError("frame_prefix", prefix, "without a leading slash")
     return prefix + frame

@@ -1,4 +1,4 @@
-"""Detection of faults in the wiring of the inputs of the ekf that a single message does not show."""
+"""Detection of faults in the inputs of the ekf that a single message does not show, such as wrong clocks or axes."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from diffbot_core.stamps import RelativeClocks
 WINDOW = 2.0
 """[s] duration of the windows in which the clocks of the inputs are compared"""
 _MAX_OFFSET, _MAX_OFFSET_SIMULATED = 0.1, 0.5
-"""[s] Largest offset between the clocks of two inputs. Simulated time advances in steps, so ages are less accurate."""
+"""[s] Largest offset between the clocks of two inputs. Simulated time advances in steps and is less accurate."""
 _MAX_NAMES = 5
-"""Largest number of joints that a text lists."""
+"""Largest number of joints that the text of a fault lists."""
 CONTRADICT = "wheels and gyro contradict each other"
 
 
@@ -25,20 +25,20 @@ class InputWatch:
         Args:
             reference: topic of the odometry, with whose clock the other clocks are compared.
             wheels: names of the joints of both wheels.
-            delays: typical delay of each input until it is published [s].
+            delays: typical delay [s] from a measurement to its message, by topic.
         """
         self._reference, self._wheels, self._delays = reference, wheels, delays
         self.clocks = RelativeClocks()
         """clocks of all inputs; the windows last for WINDOW seconds"""
         self.odometry = OdometryCheck()
         self._joints: tuple[str, ...] = ()
-        """joints of the newest JointState if no JointState had a wheel so far, else empty"""
+        """joints of the newest JointState; empty if any JointState has contained a wheel"""
         self._has_wheels = False
         self._frames: tuple[str, str] | None = None
-        """frame of the newest odometry and expected frame if they differ"""
+        """frame of the newest odometry message, and the expected frame, if they differ"""
 
     def receive_frame(self, frame: str, expected: str) -> None:
-        """Add the frame of an odometry and the child frame of map -> odom, or "" if that transform is not published."""
+        """Add the frame of an odometry message; ``expected`` is the child frame of a published map -> odom, else ""."""
         self._frames = (frame, expected) if expected and frame != expected else None
 
     def receive_joints(self, names: tuple[str, ...], *, has_wheels: bool) -> None:
@@ -47,7 +47,7 @@ class InputWatch:
         self._joints = () if self._has_wheels else names
 
     def faults(self, turns: Agreement, *, is_simulated: bool) -> dict[str, str]:
-        """Return one text for each fault, which says what to do, by the faulty input.
+        """Return a text for each fault, by the name of the input. It describes the fault and says what to do.
 
         Args:
             turns: agreement of the turn rates of wheels and gyro.
@@ -91,6 +91,6 @@ def turn_fault(turns: Agreement, reference: str) -> str:
         "in rad/s",
         "only_second": f"imu shows a turn, but {reference} does not: check that its driver fills the turn rate, and "
         "that the wheels have grip",
-        "scaled": f"the turn rates of imu and {reference} differ by a factor of ten or more: both have to be in rad/s",
+        "scaled": f"the turn rates of imu and {reference} differ by a factor of ten or more: both must be in rad/s",
     }
     return texts.get(turns.contradiction(), "")

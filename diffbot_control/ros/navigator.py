@@ -76,8 +76,8 @@ class Navigator(GoalClient):
         self._options = {**options, "context": self.context}
         self._docking: GoalClient | None = None
         """client of the controller that docks, created when it is needed"""
-        self._present: GoalClient = self
-        """client that has sent the newest goal"""
+        self._newest_client: GoalClient = self
+        """client that sent the newest goal"""
         self._waypoints: list[PoseStamped] = []
         """poses of followWaypoints that are still to be sent"""
         self._waypoint = 0
@@ -92,7 +92,7 @@ class Navigator(GoalClient):
         self.close(shut_down=False)
 
     def waitUntilReady(self, timeout: float = math.inf) -> bool:  # noqa: N802
-        """Wait until the controller can receive goals; return False after ``timeout`` [s] without it."""
+        """Wait until the controller can receive goals; return False if it cannot within ``timeout`` [s]."""
         return self.wait_until_ready(timeout)
 
     def waitUntilNav2Active(self, navigator: str = "", localizer: str = "") -> None:  # noqa: N802
@@ -117,11 +117,11 @@ class Navigator(GoalClient):
         message.pose.covariance[35] = sigma_yaw**2
         initial, received = pose_of(initial_pose.pose), list[Pose]()
 
-        def has_moved() -> bool:
+        def is_initialised() -> bool:
             return any(math.hypot(pose.x - initial.x, pose.y - initial.y) <= _NEAR for pose in received)
 
         subscription = self.create_subscription(
-            PoseWithCovarianceStamped, "pose", lambda pose: received.append(pose_of(pose.pose.pose)), QUEUE
+            PoseWithCovarianceStamped, "pose", lambda estimate: received.append(pose_of(estimate.pose.pose)), QUEUE
         )
         deadline = time.monotonic() + timeout
         try:
@@ -130,18 +130,18 @@ class Navigator(GoalClient):
                 if self.spin_until(self._initial_poses.get_subscription_count, left):
                     received.clear()
                     self._initial_poses.publish(message)
-                    if self.spin_until(has_moved, min(left, REPEAT_PERIOD)):
+                    if self.spin_until(is_initialised, min(left, REPEAT_PERIOD)):
                         return True
             return False
         finally:
             self.destroy_subscription(subscription)
 
     def goToPose(self, pose: PoseStamped, behavior_tree: str = "") -> bool:  # noqa: N802
-        """Send a goal and wait until it is accepted; return False, and log the reason, if it is refused."""
+        """Send a goal and wait until it is accepted; if it is refused, log the reason and return False."""
         return self.goThroughPoses([pose], behavior_tree)
 
     def goThroughPoses(self, poses: Sequence[PoseStamped], behavior_tree: str = "") -> bool:  # noqa: N802
-        """Send a path, whose poses have one frame, like :meth:`goToPose`; ``behavior_tree`` is ignored."""
+        """Send a path like :meth:`goToPose`; all poses must be in one frame, and ``behavior_tree`` is ignored."""
         self._waypoints, self._waypoint = [], 0
         return self._send_poses([pose.header.frame_id or self.frame for pose in poses], poses)
 
@@ -170,7 +170,7 @@ class Navigator(GoalClient):
         return self._send_poses([pose.header.frame_id or self.frame], [pose])
 
     def _send_poses(self, names: list[str], poses: Sequence[PoseStamped]) -> bool:
-        """Send poses, whose frames are ``names``."""
+        """Send poses; ``names`` are their frames."""
         if (number := len(set(names))) != 1:
             self.error(f"{len(poses)} poses in {number} frames: give at least one pose, and all poses in one frame")
             return False
@@ -182,7 +182,7 @@ class Navigator(GoalClient):
 
     def _send(self, client: GoalClient, poses: list[Pose], frame: str = "") -> bool:
         """Send a goal with one of the two clients; return True if it is accepted, otherwise log the reason."""
-        self._present = client
+        self._newest_client = client
         try:
             client.send_goal(poses, frame)
         except DiffbotError as error:
@@ -191,7 +191,7 @@ class Navigator(GoalClient):
         return True
 
     def dock(self, controller: str = "dock_controller") -> bool:
-        """Start to dock where ``docking_node`` detects a dock; return False, and log the reason, if this is refused.
+        """Start to dock where ``docking_node`` detects a dock; if this is refused, log the reason and return False.
 
         The robot must be at a pose from which it detects the dock. Feedback, result and cancellation work as after
         :meth:`goToPose`.
@@ -220,38 +220,41 @@ class Navigator(GoalClient):
     def isTaskComplete(self, task: Any = None) -> bool:  # noqa: N802
         """Handle messages for at most 0.1 s; return True if the newest task has ended, or if there is no task.
 
-        ``task`` is ignored, here and below; it exists for programs that were written for newer versions of Nav2.
+        ``task`` is ignored, here and below; programs written for newer versions of Nav2 pass it.
         """
-        return not self._present.task.id or (self._present.wait_for_end(0.1) and not self._next_waypoint())
+        return not self._newest_client.task.id or (self._newest_client.wait_for_end(0.1) and not self._next_waypoint())
 
     def getFeedback(self, task: Any = None) -> TaskFeedback | None:  # noqa: N802
         """Return the newest feedback of the goal; None before the first feedback."""
-        feedback = self._present.task.feedback
+        feedback = self._newest_client.task.feedback
         return feedback and feedback._replace(current_waypoint=self._waypoint)
 
     def getResult(self, task: Any = None) -> TaskResult:  # noqa: N802
         """Return the result of the newest goal: UNKNOWN before its end, or if the controller is lost."""
-        return _RESULTS.get(self._present.task.end, TaskResult.FAILED)
+        return _RESULTS.get(self._newest_client.task.end, TaskResult.FAILED)
 
     def getReason(self) -> str:  # noqa: N802
-        """Return the end of the newest goal in words, such as ``not reached: no progress ...``; empty before it."""
-        return self._present.task.text
+        """Return how the newest goal ended, such as ``not reached: no progress ...``; empty before its end."""
+        return self._newest_client.task.text
 
     def cancelTask(self) -> bool:  # noqa: N802
         """Cancel the newest goal and wait at most 5 s until the robot is at rest; see :meth:`GoalClient.cancel`."""
         self._waypoints = []
-        return self._present.cancel()
+        return self._newest_client.cancel()
 
     def lifecycleStartup(self) -> bool:  # noqa: N802
         """Configure and activate the ekf, if there is one, and the controller; return True if both are active."""
-        return self._bring(("ekf", self.controller), _STARTUP, "active")
+        return self._change_states(("ekf", self.controller), _STARTUP, "active")
 
     def lifecycleShutdown(self) -> bool:  # noqa: N802
-        """Shut the controller and the ekf down for good, which stops the robot; return True if both are shut down."""
-        return self._bring((self.controller, "ekf"), _SHUTDOWN, "finalized")
+        """Shut down the controller, which stops the robot, and the ekf; return True if both are finalized."""
+        return self._change_states((self.controller, "ekf"), _SHUTDOWN, "finalized")
 
-    def _bring(self, names: tuple[str, ...], transitions: dict[str, str], goal: str) -> bool:
-        """Request transitions until each node is in its last state; the ekf may be missing, but not the controller."""
+    def _change_states(self, names: tuple[str, ...], transitions: dict[str, str], goal: str) -> bool:
+        """Request transitions until none applies to a node; return True if all nodes are in the state ``goal``.
+
+        The ekf may be missing, but not the controller.
+        """
         labels: dict[str, str] = {}
         for name in names:
             while (answer := self._call(GetState, f"{name}/get_state", GetState.Request())) is not None:

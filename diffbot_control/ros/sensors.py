@@ -3,7 +3,7 @@
 This module does not import ROS: a message is any object with the fields of its type. To add a sensor, add a class here
 and create it in :func:`sensors_of`.
 
-An all-zero covariance in a message means *unknown*, not *exact*. The deviations of the parameters replace it; if they
+An all-zero covariance in a message means *unknown*, not *exact*. The deviations of the parameters replace it. If they
 are 0, the message is dropped.
 """
 
@@ -50,7 +50,7 @@ from diffbot_core.stamps import S_PER_NS
 POSE_MESSAGE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 DETECTIONS = "detected_dock_pose"
 _DOCK_GROWTH = 0.01
-"""[m/m], [rad/m] increase with the distance of the deviations of a detection without covariance"""
+"""[m/m], [rad/m] increase of the deviations of a detection without covariance per metre of distance"""
 
 
 class KnownNoise(NamedTuple):
@@ -92,13 +92,13 @@ class SensorContent(NamedTuple):
 
     measurements: list[Measurement]
     uses_fallback: bool = False
-    """True: the covariance is set by the parameters"""
+    """True if the covariance is from the parameters"""
     unknown: int = 0
     """number of landmarks that are not on the map"""
     gyro: GyroSample | None = None
     """turn rate of an Imu"""
     assumed: str = ""
-    """assumption about the mounting of the sensor, and how to avoid it; empty: no assumption"""
+    """assumption about the mounting of the sensor, and how to avoid it; empty if the mounting is known"""
 
 
 class Sensor(ABC):
@@ -171,7 +171,7 @@ class Compass(ImuSensor):
 
 
 class Gyro(ImuSensor):
-    """The turn rate of an Imu about the robot's vertical axis."""
+    """The turn rate about the robot's vertical axis, from an Imu."""
 
     def read(self, message: Any) -> SensorContent:
         """Return the turn rate of a message; REP-145: covariance[0] = -1 means no angular velocity."""

@@ -1,4 +1,4 @@
-"""TF: transforms that a node looks up, and ``map`` -> ``odom``, which the ekf publishes.
+"""TF: transforms that a node looks up, and the transform ``map`` -> ``odom`` that the ekf publishes.
 
 Only full ROS installations contain tf2_ros. Without tf2_ros, a node receives static transforms itself if tf2_msgs is
 installed. Without both, no transform is available.

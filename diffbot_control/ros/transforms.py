@@ -19,7 +19,7 @@ Quaternion = tuple[float, float, float, float]
 """x, y, z, w; of unit length"""
 Vector = tuple[float, float, float]
 _PATIENCE = 2 * NS_PER_S
-"""[ns] Time after the first message in which the transform may be missing, since static transforms may arrive late."""
+"""[ns] A transform may be missing for this time after the first message, since static transforms may arrive late."""
 _AXES: tuple[Vector, ...] = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
 
@@ -44,7 +44,7 @@ class Transforms(Protocol):
 
 
 class NoTransforms:
-    """Replacement if tf2 is not installed: no transform is available."""
+    """Implementation of Transforms without tf2: no transform is available."""
 
     available = False
 
@@ -57,13 +57,13 @@ NO_TRANSFORMS = NoTransforms()
 
 
 class LastTransform:
-    """Caches the last transform, since successive lookups are mostly equal.
+    """Caches the last transform, since most lookups repeat the previous one.
 
     The newest transform (stamp 0) is also cached, so look it up only between frames that are fixed to each other.
     """
 
     def __init__(self, make: Callable[[], Transforms]) -> None:
-        """Store the function that starts to receive transforms; the first lookup calls it."""
+        """Store ``make``, which the first lookup calls to start receiving transforms."""
         self._transforms = cache(make)
         self._last: tuple[tuple[str, str, int], Any] | None = None
 
@@ -112,8 +112,8 @@ class Mounting:
                 self._since = None
                 return rotation
         self.assumed = (
-            f"no transform between {source[:80]!r} and {self._frame!r}: used as if the sensor were mounted upright and "
-            f"forward; publish a static transform (and install tf2_ros), or set frame_id to {self._frame!r}"
+            f"no transform between {source[:80]!r} and {self._frame!r}: the sensor is used as if it were mounted "
+            f"upright and forward; publish a static transform (and install tf2_ros), or set frame_id to {self._frame!r}"
         )
         return None
 
@@ -143,7 +143,7 @@ def pose_in_frame(pose: Any, header: Any, frame: str, transforms: Transforms) ->
 def transformed(pose: Any, transform: Any) -> Pose:
     """Apply a geometry_msgs/Transform to a geometry_msgs/Pose, and return the planar part of the result.
 
-    The transform is spatial, since the frame may be tilted, as the frame of a camera. With rotation q and translation
+    The transform is spatial, since the frame may be tilted, e.g. the frame of a camera. With rotation q and translation
     t, the position is q p q* + t, and the orientation is q q_pose.
     """
     p, t = pose.position, transform.translation
@@ -169,7 +169,7 @@ class StaticTransforms:
         self._parents: dict[str, tuple[str, Quaternion, Vector]] = {}
 
     def add(self, parent: str, child: str, transform: Any) -> None:
-        """Store the geometry_msgs/Transform of ``child`` in ``parent``, replacing an older one of ``child``."""
+        """Store the geometry_msgs/Transform of ``child`` in ``parent``; it replaces an older transform of ``child``."""
         t, q = transform.translation, _quaternion(transform.rotation)
         yaw_of(transform.rotation)  # raises an error for an invalid rotation
         self._parents[child] = parent, q, (t.x, t.y, t.z)
@@ -186,7 +186,7 @@ class StaticTransforms:
         )
 
     def _to_root(self, frame: str) -> tuple[str, Quaternion, Vector]:
-        """Return the topmost known ancestor of a frame, and the rotation and translation of the frame in it."""
+        """Return the topmost known ancestor of a frame, and rotation and translation of the frame in the ancestor."""
         q: Quaternion = (0.0, 0.0, 0.0, 1.0)
         t: Vector = (0.0, 0.0, 0.0)
         for _ in range(len(self._parents)):  # ends even if the frames form a loop

@@ -96,7 +96,7 @@ def test_the_robot_docks_and_undocks(staged, action_peer):
 
     status, result = undock.result(undock.send(max_undocking_time=1.0))
     assert (status, result.success, result.error_code) == (GoalStatus.STATUS_ABORTED, False, 905)
-    assert result.error_msg == "not reached: not within max_undocking_time = 1 s"
+    assert result.error_msg == "not reached: not undocked within max_undocking_time = 1 s"
 
     status, result = undock.result(undock.send())
     assert (status, result.success, result.error_code) == (GoalStatus.STATUS_SUCCEEDED, True, 0), result

@@ -67,7 +67,7 @@ def test_commands_follow_the_type_of_the_base_and_of_the_one_that_follows_it(nod
     wait_for_type(nodes, TWIST)
     with base(TwistStamped):
         wait_for_type(nodes, TWIST_STAMPED)
-    assert "cmd_vel: publishing TwistStamped, as the base subscribes to it" in capfd.readouterr().err
+    assert "cmd_vel: publishing TwistStamped, the type to which the base subscribes" in capfd.readouterr().err
     with base(Twist):
         wait_for_type(nodes, TWIST)
     with base(Twist, TwistStamped):

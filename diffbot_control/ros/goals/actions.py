@@ -1,4 +1,4 @@
-"""Nav2's actions, served by the controller. A newer goal, by topic or by action, replaces a goal by action.
+"""Nav2's actions, served by the controller. A newer goal by topic or action replaces the goal of an action.
 
 The actions exist if nav2_msgs can be imported, i.e. in a ROS installation with Nav2's messages. A controller in map
 serves ``navigate_to_pose``, ``navigate_through_poses`` and ``follow_path``. A controller in the frame of a dock serves
@@ -35,21 +35,22 @@ if TYPE_CHECKING:
 
 SOURCE = "action"
 FAILED = 9000
-"""error_code of a goal that was not reached, for actions without a code of their own: unknown error of Nav2"""
+"""error_code of a goal that was not reached, for actions that do not define a code: Nav2's unknown error"""
 _ERRORS = {NOT_REACHED: "FAILED_TO_MAKE_PROGRESS", POSE_LOST: "TF_ERROR", REFUSED: "INVALID_PATH"}
-"""Error codes by the end of the goal; UNKNOWN for the other ends."""
+"""Names of the error codes by the end of the goal; UNKNOWN for the other ends."""
 _STATES = {docking.STAGING: "NAV_TO_STAGING_POSE", docking.RETREATING: "RETRY"}
-"""States of Nav2's feedback by the phase of docking; CONTROLLING for the other phases."""
+"""States in Nav2's feedback by the phase of docking; CONTROLLING for the other phases."""
 _DOCK_ERRORS = {NOT_REACHED: "FAILED_TO_CONTROL", POSE_LOST: "FAILED_TO_DETECT_DOCK"}
-"""Error codes of docking by the end of the goal; UNKNOWN for the other ends, or FAILED_TO_CONTROL without this code."""
+"""Names of the error codes of docking by the end of the goal; UNKNOWN for the other ends. If the result does not have
+the code, it is FAILED_TO_CONTROL."""
 
 
 class _DeferredActionServer(ActionServer):  # type: ignore[misc]
     """An action server without a task for each running goal.
 
     ``handle.execute()`` only marks a goal as executing, and ``notify_execute(handle, finish)`` ends it. The usual task
-    is a coroutine that waits for the end of the goal. But the SingleThreadedExecutor of rclpy resumes a waiting
-    coroutine all the time, and uses a whole processor.
+    is a coroutine that waits for the end of the goal. The SingleThreadedExecutor of rclpy resumes a waiting coroutine
+    without pause, which uses a whole processor core.
     """
 
     def notify_execute(
@@ -153,7 +154,7 @@ class ActionServers(ABC):
                 handle.abort()
             return result
 
-        # As a task, because rclpy marks the goal as cancelling only after the cancel callback.
+        # Not at once, because rclpy marks the goal as cancelling only after the cancel callback.
         server.notify_execute(handle, finish)
 
     def _on_feedback(self, feedback: GoalFeedback) -> None:
@@ -177,7 +178,9 @@ class Nav2Actions(ActionServers):
         """Return the pose or the path of a goal."""
         if hasattr(goal, "path"):
             if goal.controller_id or goal.goal_checker_id:
-                text = "follow_path: controller_id and goal_checker_id are ignored: the controller has one of each"
+                text = (
+                    "follow_path: controller_id and goal_checker_id are ignored: there is one law and one goal checker"
+                )
                 self.node.get_logger().info(text, once=True)
             return goal.path
         if goal.behavior_tree:
@@ -262,18 +265,22 @@ class DockActions(ActionServers):
             message.num_retries = stage.tries
             handle.publish_feedback(message)
         elif feedback.state == DRIVING and feedback.elapsed > handle.request.max_undocking_time:
-            self.node.supervisor.give_up(f"not within max_undocking_time = {handle.request.max_undocking_time:g} s")
+            self.node.supervisor.give_up(
+                f"not undocked within max_undocking_time = {handle.request.max_undocking_time:g} s"
+            )
             self.node.goals.publish_changes()
 
 
 def serve(kind: type[ActionServers], node: ControllerNode) -> ActionServers | None:
-    """Create the servers if nav2_msgs contains their actions; otherwise log a line and return None."""
+    """Create the servers if nav2_msgs contains their actions; otherwise log this and return None."""
     try:
         from nav2_msgs import action as actions  # noqa: PLC0415 - no wheel contains it
     except ImportError:
         actions = None
     missing = [name for name in kind.NEEDED if not hasattr(actions, name)]
     if missing:
-        node.get_logger().info(f"nav2_msgs.action.{missing[0]} cannot be imported: goals by topic only, not by action")
+        node.get_logger().info(
+            f"nav2_msgs.action.{missing[0]} cannot be imported: the controller accepts goals by topic only"
+        )
         return None
     return kind(node, actions)

@@ -31,19 +31,19 @@ from diffbot_core.geometry import Pose
 from diffbot_core.ros.qos import LATCHED, QUEUE, STATUS
 
 LOST = "lost"
-"""End of a goal whose controller is gone, or was restarted and does not know the goal any more."""
+"""End of a goal whose controller has ended, or was restarted and no longer knows the goal."""
 REPEAT_PERIOD = 1.0
 """[s] time after which a message or a request is repeated, because it can be lost during discovery"""
 SILENCE = 10.0
-"""[s] time without a message after which a controller counts as dead, even if DDS has not reported its end"""
+"""[s] time without a message after which a controller counts as lost, even if DDS has not reported its end"""
 DELAY = 1.0
 """[s] largest delay of a message of a running controller"""
 _PAUSE = 0.5
-"""[s] largest time between two checks while the client handles its messages"""
+"""[s] If the time between two checks is longer, the client has not handled its messages meanwhile."""
 _SPIN = 0.02
 """[s] longest wait for one message"""
 _STATES, _STATES_TYPE = "/goal_status", "action_msgs/msg/GoalStatusArray"
-"""Topic by which a controller is found: end of its name, and its type."""
+"""End of the name, and type, of the topic by which controllers are found."""
 
 
 class GoalRefusedError(DiffbotError):
@@ -72,7 +72,7 @@ class GoalTask:
     """A goal that was sent, and its end."""
 
     def __init__(self, goal_id: str = "") -> None:
-        """Start without an end; an empty id stands for no goal."""
+        """Start without an end; an empty id means that there is no goal."""
         self.id = goal_id
         self.end = ""
         """one of record.ENDS or LOST; empty before the end"""
@@ -133,7 +133,7 @@ class GoalClient(Node):  # type: ignore[misc]
         """ids of the goals in the newest goal_status"""
         self._restart_timeout = restart_timeout
         self._lost: float | None = None
-        self._last_sign = self._last_look = time.monotonic()
+        self._last_sign = self._last_check = time.monotonic()
         self._goals = self.create_publisher(PoseStamped, f"{prefix}goal_pose", QUEUE)
         self._paths = self.create_publisher(Path, f"{prefix}path", QUEUE)
         self._cancel = self.create_client(CancelGoal, f"{controller}/cancel_goal")
@@ -159,7 +159,7 @@ class GoalClient(Node):  # type: ignore[misc]
             self.context.try_shutdown()
 
     def spin_until(self, condition: Callable[[], Any], timeout: float) -> bool:
-        """Handle messages until ``condition()`` is true; return False after ``timeout`` [s] without it."""
+        """Handle messages until ``condition()`` is true; return False if it is not true within ``timeout`` [s]."""
         deadline = time.monotonic() + timeout
         while not condition():
             if time.monotonic() >= deadline or self.is_stopped() or not self.context.ok():
@@ -168,7 +168,7 @@ class GoalClient(Node):  # type: ignore[misc]
         return True
 
     def wait_until_ready(self, timeout: float = math.inf) -> bool:
-        """Wait until the controller can receive goals; return False after ``timeout`` [s] without it."""
+        """Wait until the controller can receive goals; return False if it cannot within ``timeout`` [s]."""
         return self.spin_until(self.is_ready, timeout)
 
     def is_ready(self) -> bool:
@@ -182,20 +182,20 @@ class GoalClient(Node):  # type: ignore[misc]
 
     def seen_controllers(self) -> list[str]:
         """Return the full names of all controllers in this domain, sorted."""
-        found = dict(self.get_topic_names_and_types())
-        mine = [name for name, types in found.items() if name.endswith(_STATES) and _STATES_TYPE in types]
-        mine = [name for name in mine if self.count_publishers(name) > 0]  # others have subscribers only
-        return sorted(name.removesuffix(_STATES) for name in mine)
+        topics = dict(self.get_topic_names_and_types())
+        names = [name for name, types in topics.items() if name.endswith(_STATES) and _STATES_TYPE in types]
+        # Without a publisher, there are only clients of a controller.
+        return sorted(name.removesuffix(_STATES) for name in names if self.count_publishers(name) > 0)
 
     def send_goal(self, poses: Sequence[Pose], frame: str = "", timeout: float = math.inf) -> GoalTask:
         """Send a goal, or a path of several poses, and wait until the controller accepts it.
 
         Raises:
-            GoalRefusedError: if the controller refuses the goal; ``task`` is the previous task again.
-            NoControllerError: if no controller answers within ``timeout`` [s], or if ``is_stopped`` returns True. The
-                controller may have accepted the goal nevertheless if ``task.is_sent``; then :meth:`cancel` it.
+            GoalRefusedError: if the controller refuses the goal; ``task`` is then the previous task.
+            NoControllerError: if no controller answers within ``timeout`` [s], or if ``is_stopped`` returns True. If
+                ``task.is_sent``, the controller may still have accepted the goal: call :meth:`cancel`.
         """
-        # The clock of the system even if time is simulated, because the stamp identifies the goal.
+        # The system clock, even if time is simulated, because the stamp identifies the goal.
         frame, stamp = frame or self.frame, time.time_ns()
         previous, self.task = self.task, GoalTask(goal_id(frame, stamp))
         message: Any = goal_message(poses[0], frame, stamp) if poses else None
@@ -219,7 +219,7 @@ class GoalClient(Node):  # type: ignore[misc]
         raise NoControllerError(f"no answer on {name}: does the controller run, with the same ROS_DOMAIN_ID?")
 
     def wait_for_end(self, timeout: float) -> bool:
-        """Handle messages until the newest goal has ended; return False after ``timeout`` [s] without its end."""
+        """Handle messages until the newest goal has ended; return False if it does not end within ``timeout`` [s]."""
         return self.spin_until(self._has_ended, timeout) or bool(self.task.end)
 
     def _has_ended(self) -> bool:
@@ -274,7 +274,7 @@ class GoalClient(Node):  # type: ignore[misc]
         try:
             self.task.feedback = self._feedback_of({pair.key: pair.value for pair in message.values})
         except (KeyError, ValueError, TypeError, OverflowError):
-            return  # a message of another publisher; the client can do without it
+            return  # a message of another publisher
 
     def _feedback_of(self, values: dict[str, str]) -> TaskFeedback:
         x, y, theta = (float(word) for word in values["pose"].split())
@@ -290,11 +290,11 @@ class GoalClient(Node):  # type: ignore[misc]
         return feedback
 
     def _watch_controller(self) -> None:
-        """Subscribe to the status, to notice that the controller has ended.
+        """Subscribe to the status, to detect that the controller has ended.
 
-        The publisher of the status has a lease. DDS reports a process that does not renew its lease, because it has
-        ended, but not a process that hangs. The client notices a process that hangs by its silence: the status is
-        published twice a second.
+        The publisher of the status has a lease. DDS reports when the lease is not renewed, because the process has
+        ended. A process that hangs still renews its lease. The client detects it by the missing status messages, which
+        are published twice a second.
         """
         topic = f"{self.controller}/status"
         events = SubscriptionEventCallbacks(liveliness=self._on_liveliness)
@@ -316,8 +316,8 @@ class GoalClient(Node):  # type: ignore[misc]
     def _is_gone(self) -> bool:
         """Return True if the controller has ended, and was not restarted within the grace period."""
         now = time.monotonic()
-        before, self._last_look = self._last_look, now
-        if now - before > _PAUSE:
+        before, self._last_check = self._last_check, now
+        if now - before > _PAUSE:  # the client itself has not handled messages
             self._last_sign = now
         # DDS may report a loss too late, or not report the return, so a later message cancels the loss. A busy machine
         # delays messages, so the client waits longer than the controller, which ends its goal after a suspension.

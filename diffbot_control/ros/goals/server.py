@@ -59,10 +59,9 @@ class GoalFeedback(NamedTuple):
 
 
 class _GoalTransforms:
-    """Looks up transforms for goals; uses the newest transform if the stamp is ahead of the controller's time.
+    """Looks up transforms for goals: the newest transform if the stamp is ahead of the controller's time.
 
-    Clients stamp goals with the clock of their computer even if time is simulated, because the stamp identifies the
-    goal.
+    Clients stamp goals with the system clock even if time is simulated, because the stamp identifies the goal.
     """
 
     def __init__(self, transforms: Transforms, now: float) -> None:
@@ -87,9 +86,10 @@ class GoalServer:
         """functions to call every FEEDBACK_PERIOD while the robot drives to a goal"""
         self._transforms = transforms_of(node, node.config.transform_tolerance)
         self._waiting: tuple[Any, GoalRequest] | None = None
-        """newest goal by topic, while it is neither accepted nor refused"""
+        """newest goal by topic, until it is accepted or refused"""
         self._busy_until, self._newest_stamp = 0.0, 0
-        """[s] steady time until which the rate of goals is used up; [ns] newest stamp given to a goal that had none"""
+        """[s] steady time up to which the accepted goals use up their rate of one per _PERIOD; [ns] newest stamp that
+        was given to a goal without a stamp"""
         self._first_distance = 0.0
         """[m] largest remaining distance of the present goal"""
         self._update_stamps = StampWatch()
@@ -101,7 +101,7 @@ class GoalServer:
         node.create_timer(FEEDBACK_PERIOD, self._publish_feedback, clock=node.steady_clock)
 
     def _receive(self, message: Any, topic: str) -> None:
-        """Accept a goal or a path by topic, or let it wait if many others have just arrived."""
+        """Accept a goal or a path by topic, or store it if many goals have just arrived."""
         header = message.header
         stamp, now = stamp_ns(header.stamp), self._node.now()
         if not stamp:
@@ -131,7 +131,7 @@ class GoalServer:
             self._node.contain(error, topic)
 
     def drop_waiting(self, end: str, reason: str) -> bool:
-        """End the waiting goal without accepting it; return True if there was one."""
+        """End the waiting goal without accepting it; return True if there was a waiting goal."""
         waiting, self._waiting = self._waiting, None
         if waiting is not None:
             self._node.supervisor.goals.refuse(waiting[1], end, reason)
@@ -181,12 +181,12 @@ class GoalServer:
     def _accept(self, goals: list[Pose], message: Any, request: GoalRequest) -> None:
         supervisor = self._node.supervisor
         if hasattr(message, "poses"):
-            followed = goals
-            if supervisor.config.waypoint_radius > 0.0:  # otherwise the robot reaches each pose, with its heading
-                followed = with_headings(goals, all(one.pose.orientation.w == 1.0 for one in message.poses[1:-1]))
-            supervisor.on_path(followed, request)
+            path = goals
+            if supervisor.config.waypoint_radius > 0.0:  # otherwise the robot reaches each pose with its given heading
+                path = with_headings(goals, all(one.pose.orientation.w == 1.0 for one in message.poses[1:-1]))
+            supervisor.on_path(path, request)
             text = f"path of {len(goals)} goals"
-            if followed is not goals:
+            if path is not goals:
                 text += ": its orientations are equal and contradict its direction, so the direction replaces them"
         else:
             supervisor.on_goal(goals[0], request)
@@ -234,12 +234,12 @@ class GoalServer:
         return had_goal
 
     def cancel_goal(self, goal_id: str, reason: str) -> bool:
-        """Cancel the present goal if its id is ``goal_id``; return True if it is."""
+        """Cancel the present goal if its id is ``goal_id``; return True if it is cancelled."""
         present = self._node.supervisor.goals.present
         return present is not None and present.request.id == goal_id and (present.is_cancelling or self.cancel(reason))
 
     def _caller_of(self, service: str) -> str:
-        """Return who has called a service of this node: one of its clients. A request does not name its sender."""
+        """Return who may have called a service of this node: all its clients, as a request does not name its sender."""
         node, clients = self._node, set[str]()
         service = node.resolve_service_name(service)
         for name, namespace in node.get_node_names_and_namespaces():
@@ -254,7 +254,7 @@ class GoalServer:
         return response
 
     def _on_cancel_goal(self, request: CancelGoal.Request, response: CancelGoal.Response) -> CancelGoal.Response:
-        """Cancel one goal, or all goals that were accepted until a time, as action_msgs/srv/CancelGoal defines it."""
+        """Cancel one goal, or all goals accepted up to a time, as action_msgs/srv/CancelGoal defines."""
         self.take_waiting()
         book, goal_id = self._node.supervisor.goals, bytes(request.goal_info.goal_id.uuid).hex()
         is_named, until = bool(goal_id.strip("0")), request.goal_info.stamp
@@ -263,12 +263,12 @@ class GoalServer:
             response.return_code = CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID
             return response
         present = book.present
-        is_meant = present is not None and (
+        is_requested = present is not None and (
             present.request.id == goal_id
             or (has_time and round(present.request.time * NS_PER_S) <= until.sec * NS_PER_S + until.nanosec)
             or not (is_named or has_time)
         )
-        if present is not None and is_meant:
+        if present is not None and is_requested:
             self.cancel_goal(present.request.id, self._caller_of("~/cancel_goal"))
             response.goals_canceling = [goal_info(present)]
         elif is_named:

@@ -22,7 +22,7 @@ except ImportError:  # not available as a wheel; without it the nodes do not pub
 
 
 _MAX_POSE_BYTES = 256
-"""Largest size of one pose in a path [bytes]: 72, and the name of its frame."""
+"""Largest size of one pose in a path [bytes]: 72 plus the name of its frame."""
 
 
 def read_path(data: bytes) -> Path:

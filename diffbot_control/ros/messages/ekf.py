@@ -67,7 +67,7 @@ class EkfInputs:
         return OdometryStep(measured_ns(message.header.stamp), twist, TwistCovariance(var_v, cov, var_omega))
 
     def joint_states(self, message: Any) -> OdometryStep | None:
-        """Return the step of a JointState; None if it contains only other joints, such as the joints of an arm."""
+        """Return the step of a JointState; None if it contains only other joints, e.g. of an arm."""
         wheels, left, right = self._config.wheels, self._config.left_wheel_name, self._config.right_wheel_name
         names, velocity = message.name, message.velocity
         if left not in names and right not in names:

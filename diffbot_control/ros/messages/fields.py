@@ -31,7 +31,7 @@ _PLANAR = np.array([0, 1, 5, 6, 7, 11, 30, 31, 35])
 def stamp_ns(stamp: Any) -> int:
     """Return a stamp in nanoseconds."""
     if stamp.nanosec >= NS_PER_S:
-        raise BadMessageError("stamp not normalised", f"nanosec is {stamp.nanosec}, not below 1000000000")
+        raise BadMessageError("stamp not normalised", f"nanosec is {stamp.nanosec}, but must be below 1000000000")
     return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
 
 
@@ -141,7 +141,7 @@ def fill_pose(message: Any, pose: Pose) -> None:
 
 
 def pose_in_message(pose: Pose) -> Pose:
-    """Return ``pose`` as a subscriber reads it from a message, where the quaternion rounds the yaw."""
+    """Return ``pose`` as a subscriber reads it from a message: the conversion to a quaternion rounds the yaw."""
     z, w = quaternion_of_yaw(pose.theta)
     return Pose(pose.x, pose.y, yaw_of_quaternion(0.0, 0.0, z, w))
 
@@ -152,7 +152,7 @@ def fill_yaw(orientation: Any, yaw: float) -> None:
 
 
 def fill_planar_covariance(covariance: Any, P: Array) -> None:
-    """Write a (3, 3) covariance of x, y, yaw into the 36 numbers of a message; the other numbers stay."""
+    """Write a (3, 3) covariance of x, y, yaw into the 36 numbers of a message; the other numbers do not change."""
     covariance[_PLANAR] = P.reshape(9)
 
 
@@ -169,7 +169,7 @@ def fill_twist_covariance(covariance: Any, M: TwistCovariance) -> None:
 
 
 def fill_unestimated(pose_covariance: Any, twist_covariance: Any | None = None) -> None:
-    """Write the constants of pose and twist covariances (36,): z, roll and pitch are unknown, and vy is 0."""
+    """Write the variances that are not estimated into covariances (36,): z, roll and pitch are unknown, and vy is 0."""
     pose_covariance[[14, 21, 28]] = 1e6
     if twist_covariance is not None:
         twist_covariance[[14, 21, 28]] = 1e6

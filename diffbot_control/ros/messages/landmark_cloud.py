@@ -2,8 +2,8 @@
 
 A point has the fields ``x`` and ``y`` [m] in the frame of the robot (float32 or float64) and ``id`` (any integer type).
 The fields ``range_variance`` [m^2] and ``bearing_variance`` [rad^2] are optional; other fields are ignored. A variance
-of NaN or infinity means that the range or the bearing was not measured: a range alone is a point in any direction, a
-bearing alone a point at any distance.
+of NaN or infinity means that the range or the bearing was not measured. A range without a bearing is a point in any
+direction, and a bearing without a range is a point at any distance.
 """
 
 from __future__ import annotations

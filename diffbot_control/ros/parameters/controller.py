@@ -40,7 +40,7 @@ class ControllerNodeConfig(NamedTuple):
 
     law: Annotated[
         str,
-        Spec("registered name of the law, or package.module:Class; default: the law of preset", read_only=True),
+        Spec("registered name of the law, or package.module:Class; by default the law of the preset", read_only=True),
     ] = SwitchingLaw.name
     preset: Annotated[
         str, Spec("set of defaults for the other parameters, with its law", choices=tuple(PRESETS), read_only=True)
@@ -63,7 +63,7 @@ class ControllerNodeConfig(NamedTuple):
     transform_tolerance: Annotated[
         float,
         Spec(
-            "how much older than the stamp of a goal in another frame the newest transform may be",
+            "largest time by which the newest transform may be older than the stamp of a goal in another frame",
             "s",
             minimum=0.0,
             maximum=60.0,
@@ -74,14 +74,18 @@ class ControllerNodeConfig(NamedTuple):
     cmd_vel_type: Annotated[
         str,
         Spec(
-            "type of the commands; auto: the type to which the base subscribes, Twist until there is a subscription",
+            "type of the commands; auto: the type to which the base subscribes, Twist while there is no subscription",
             choices=(AUTO, *TYPE_WORDS.values()),
             read_only=True,
         ),
     ] = AUTO
     nav2_actions: Annotated[
         str,
-        Spec("Nav2's actions to serve; follow_path: beside a bt_navigator", choices=(ALL, PATHS), read_only=True),
+        Spec(
+            "Nav2's actions to serve; follow_path: only this one, for use with Nav2's bt_navigator",
+            choices=(ALL, PATHS),
+            read_only=True,
+        ),
     ] = ALL
     commands: CommandSourceConfig = CommandSourceConfig()
     lifecycle: LifecycleConfig = LifecycleConfig()
@@ -102,14 +106,14 @@ def law_of(text: str) -> type[Law]:
     for preset in PRESETS.values():
         if text == preset.law.name:
             return preset.law
-    # Imported only if needed, because it is slow to read the entry points of all installed packages.
+    # Imported only if needed, because reading the entry points of all installed packages is slow.
     from diffbot_control.goals.registry import resolve_law  # noqa: PLC0415
 
     return resolve_law(text)
 
 
 def parameter_set_of(overrides: Mapping[str, Any]) -> tuple[type[Any], Mapping[str, Any] | None]:
-    """Return configuration type and presets of the node, for the law or the preset in its ``overrides``.
+    """Return configuration type and presets of the node, for the law or the preset that ``overrides`` select.
 
     The parameters include the fields of the law's ``Config`` that carry a Spec. A preset selects its law.
 
@@ -123,7 +127,7 @@ def parameter_set_of(overrides: Mapping[str, Any]) -> tuple[type[Any], Mapping[s
     law = law_of(text)
     presets = {name: one for name, one in PRESETS.items() if one.law is law}
     if "preset" in overrides and preset not in presets:
-        raise InvalidValueError("preset", preset, f"one of the law {text}: {', '.join(presets) or 'it has none'}")
+        raise InvalidValueError("preset", preset, f"a preset of the law {text}: {', '.join(presets) or 'it has none'}")
     config_type = _type_with(text, law, () if presets else ("preset",))
     base = config_type()._replace(law=text)
     found = {

@@ -57,9 +57,9 @@ DEFAULTS = MappingProxyType(
     {
         "map_frame": "dock",
         "publish_tf": False,
-        # A dock does not move, so detections that contradict the estimate are outliers or belong to another dock.
+        # Never relocate: a dock does not move, so detections that contradict the estimate are outliers or another dock.
         "relocation_fixes": 1_000_000,
-        # The last part of an approach is driven by odometry alone, so the errors of the wheels matter.
+        # The last part of an approach uses odometry alone, so the errors of the wheels matter.
         "wheels_as_configured": 0.0,
         "wheel_radius_sigma": 0.02,
     }

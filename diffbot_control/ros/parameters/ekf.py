@@ -21,7 +21,7 @@ class SensorNoise(NamedTuple):
     global_pose_sigma_xy: Annotated[
         float,
         Spec(
-            "deviation of x and y of global_pose without a usable covariance; 0: drop it",
+            "deviation of x and y of global_pose without a usable covariance; 0: drop the message",
             "m",
             minimum=0.0,
             maximum=MAX_SIGMA,
@@ -30,7 +30,7 @@ class SensorNoise(NamedTuple):
     global_pose_sigma_yaw: Annotated[
         float,
         Spec(
-            "deviation of the heading of global_pose without a usable covariance; 0: drop it",
+            "deviation of the heading of global_pose without a usable covariance; 0: drop the message",
             "rad",
             minimum=0.0,
             maximum=MAX_SIGMA,
@@ -38,12 +38,17 @@ class SensorNoise(NamedTuple):
     ] = 0.0
     heading_sigma: Annotated[
         float,
-        Spec("deviation of heading without a usable covariance; 0: drop it", "rad", minimum=0.0, maximum=MAX_SIGMA),
+        Spec(
+            "deviation of heading without a usable covariance; 0: drop the message",
+            "rad",
+            minimum=0.0,
+            maximum=MAX_SIGMA,
+        ),
     ] = 0.0
     gyro_sigma: Annotated[
         float,
         Spec(
-            "deviation of the turn rate of imu without a usable covariance; 0: drop it",
+            "deviation of the turn rate of imu without a usable covariance; 0: drop the message",
             "rad/s",
             minimum=0.0,
             maximum=MAX_SIGMA,
@@ -57,14 +62,14 @@ class SensorNoise(NamedTuple):
         Spec("deviation of a bearing to a landmark without variances", "rad", minimum=MIN_SIGMA, maximum=MAX_SIGMA),
     ] = 0.03
     override_covariance: Annotated[
-        bool, Spec("the deviations set by parameters, where not 0, replace the covariances of messages")
+        bool, Spec("true: use the deviations of the parameters that are not 0 instead of the covariances of messages")
     ] = False
 
     def check(self) -> None:
         """Check the standard deviations.
 
         Raises:
-            InvalidValueError: if a deviation is neither 0 nor at least 1e-4, so that the filter would be inaccurate.
+            InvalidValueError: if a deviation is neither 0 nor at least 1e-4, below which the filter is inaccurate.
         """
         for name in ("global_pose_sigma_xy", "global_pose_sigma_yaw", "heading_sigma", "gyro_sigma"):
             if 0.0 < getattr(self, name) < MIN_SIGMA:
@@ -81,7 +86,7 @@ class EkfNodeConfig(NamedTuple):
     localization: LocalizationConfig = LocalizationConfig()
     wheels: WheelGeometry = WheelGeometry()
     odometry_source: Annotated[
-        str, Spec("topic that predicts the motion", choices=("odom", "joint_states"), read_only=True)
+        str, Spec("topic of the odometry, which predicts the motion", choices=("odom", "joint_states"), read_only=True)
     ] = "odom"
     noise: SensorNoise = SensorNoise()
     landmarks: LandmarkMap = LandmarkMap()
@@ -89,7 +94,8 @@ class EkfNodeConfig(NamedTuple):
     state_file: Annotated[
         str,
         Spec(
-            "file for pose and estimated errors, which survive a restart; relative to the working folder; empty: none",
+            "file in which pose and estimated errors are saved, to restore them after a restart; relative to the "
+            "working folder; empty: do not save",
             read_only=True,
         ),
     ] = ""
@@ -98,8 +104,8 @@ class EkfNodeConfig(NamedTuple):
     sensor_timeout: Annotated[
         float,
         Spec(
-            "time without odometry after which the node reports it; "
-            "after a longer gap, the twist moves the estimate for this time only",
+            "time after which the node reports missing odometry; after a longer gap, the twist moves the estimate for "
+            "this time only",
             "s",
             *TIMEOUT,
         ),
@@ -112,7 +118,7 @@ class EkfNodeConfig(NamedTuple):
     transform_tolerance: Annotated[
         float,
         Spec(
-            "time by which map -> odom is stamped into the future, which is how long it is valid",
+            "time by which map -> odom is stamped into the future, and for which it is therefore valid",
             "s",
             minimum=0.0,
             maximum=60.0,

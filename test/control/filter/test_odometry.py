@@ -202,7 +202,12 @@ def test_the_variant_of_the_filter_cannot_be_changed_at_runtime_but_other_parame
 
 @pytest.mark.parametrize(
     ("number", "variance", "kind"),
-    [(30, 1.0, "duplicate"), (-40, 1.0, "too old"), (32, 1.0, "no odometry for it"), (31, math.inf, "not finite")],
+    [
+        (30, 1.0, "duplicate"),
+        (-40, 1.0, "too old"),
+        (32, 1.0, "no odometry at its stamp"),
+        (31, math.inf, "not finite"),
+    ],
 )
 def test_an_unusable_turn_rate_is_refused_without_a_change_of_the_filter(number, variance, kind):
     found, unused, tenth = started(OdometryConfig(), use_gyro=True), started(OdometryConfig()), 100 * MS

@@ -1,4 +1,4 @@
-"""Detection of an odometry whose twist and pose contradict each other, and of contradictory turn rates."""
+"""Detection of odometry messages whose twist and pose contradict each other, and of contradictory turn rates."""
 
 import math
 
@@ -36,8 +36,8 @@ def drive(change, seconds, rests=False, jump=math.inf):
 FAULTS = {
     "twist.linear.x stays 0": lambda pose, twist: (pose, Twist(0.0, twist.omega)),
     "twist.angular.z stays 0": lambda pose, twist: (pose, Twist(twist.v, 0.0)),
-    "the position stands still": lambda pose, twist: (Pose(1.0, 2.0, pose.theta), twist),
-    "the orientation stands still": lambda pose, twist: (pose._replace(theta=0.5), twist),
+    "the position does not change": lambda pose, twist: (Pose(1.0, 2.0, pose.theta), twist),
+    "the orientation does not change": lambda pose, twist: (pose._replace(theta=0.5), twist),
     "twist.linear.x and the pose differ by a factor": lambda pose, twist: (pose, Twist(1e3 * twist.v, twist.omega)),
     "twist.angular.z and the pose differ by a factor": lambda pose, twist: (pose, Twist(twist.v, 57.3 * twist.omega)),
     "twist.linear.x and the pose have opposite signs": lambda pose, twist: (pose, Twist(-twist.v, twist.omega)),

@@ -28,14 +28,14 @@ class Law(laws.Law):
 
 @pytest.mark.parametrize("text", ["", "a.b:", ":Law"])
 def test_a_name_that_is_not_registered_is_refused_with_the_registered_laws(text):
-    with pytest.raises(InvalidValueError, match=r"Class or one of docking, .*switching$"):
+    with pytest.raises(InvalidValueError, match=r"Class or a registered law: docking, .*switching$"):
         resolve_law(text)
 
 
 @pytest.mark.parametrize(
     ("old", "new", "reason"),
     [
-        ('name = "mine"', 'name = ""', "whose name is a text"),
+        ('name = "mine"', 'name = ""', "whose name is a string"),
         ("Config = Config", "Config = dict", "whose Config is a NamedTuple type"),
         ("class Law(laws.Law)", "class Law", "a class derived from diffbot_control.law.Law"),
         ("lambda config: Memory()", "lambda: Memory()", "takes 0 positional arguments but 1 was given"),

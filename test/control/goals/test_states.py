@@ -259,5 +259,5 @@ def test_silence_a_fault_and_the_nodes_end_stop_the_robot_and_time_ends_the_goal
     assert row[GoalEvent.FAULT].command is Reaction.BRAKE
     assert TABLE[State.HOLDING][GoalEvent.OVERDUE].command is Reaction.ZERO
     for event in (GoalEvent.HOPELESS, GoalEvent.LOST, GoalEvent.STOP, GoalEvent.FAULT):
-        assert row[event].answer, event
+        assert row[event].end, event
         assert row[event].state not in WITH_GOAL, event

@@ -260,7 +260,7 @@ def test_a_correction_changes_neither_memory_nor_records_and_ends_with_the_goal(
     ("goal", "text"),
     [
         (Pose(0.0, 0.51, 0.0), "far from the goal: 0.51 m, goal_update_distance = 0.5 m"),
-        (Pose(0.1, 0.0, 2.0 * math.pi - 0.51), "turned against the goal: 0.51 rad, at most 0.5 rad"),
+        (Pose(0.1, 0.0, 2.0 * math.pi - 0.51), "heading differs from the goal: 0.51 rad, at most 0.5 rad"),
     ],
 )
 def test_a_jump_is_refused_and_changes_nothing(goal, text):

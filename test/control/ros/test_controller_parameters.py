@@ -110,6 +110,6 @@ def test_a_preset_selects_its_law_and_a_law_its_preset(given, law, preset):
 @pytest.mark.parametrize("given", [{"law": "switching", "preset": "paper"}, {"law": "docking", "preset": "tuned"}])
 def test_a_preset_of_another_law_is_refused(given):
     with pytest.raises(
-        InvalidValueError, match=f"preset = '{given['preset']}': must be one of the law {given['law']}: "
+        InvalidValueError, match=f"preset = '{given['preset']}': must be a preset of the law {given['law']}: "
     ):
         parameter_set_of(given)

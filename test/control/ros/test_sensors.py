@@ -110,7 +110,7 @@ def test_an_imu_without_a_transform_is_assumed_to_be_upright_after_two_seconds_u
     for seconds in (7.0, 100.0):
         content = gyro.read(timed(imu(), seconds))
         assert content.gyro.rate == 0.5
-        assert content.assumed.startswith("no transform between 'imu_link' and 'base_link': used as if")
+        assert content.assumed.startswith("no transform between 'imu_link' and 'base_link': the sensor is used as if")
     transforms.rotation = Rotation.from_euler("x", math.pi)
     content = gyro.read(timed(imu(), 101.0))
     assert (content.gyro.rate, content.assumed) == (pytest.approx(-0.5), "")

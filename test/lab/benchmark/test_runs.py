@@ -109,7 +109,7 @@ def test_the_command_passes_its_options_and_writes_results_and_figure(
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        (["--law", "dancing"], "law = 'dancing': must be package.module:Class or one of docking, "),
+        (["--law", "dancing"], "law = 'dancing': must be package.module:Class or a registered law: docking, "),
         (["--law", "no_such_module:Law"], "ModuleNotFoundError"),
         (["--law", "math:pi"], "a class derived from diffbot_control.law.Law"),
         (["--case", "sunny"], "case = 'sunny': must be one of nominal, "),
