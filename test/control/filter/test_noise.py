@@ -12,8 +12,8 @@ from scipy.stats import binom, chi2, norm
 from diffbot_control.filter import ekf, noise, state
 from diffbot_control.filter.consistency import consistency_of
 from diffbot_control.filter.ekf import ACCEPTED
-from diffbot_control.filter.models import POSITION_FIX
-from diffbot_core.geometry import Pose
+from diffbot_control.filter.models import BEARING, HEADING, POSITION_FIX, WHEELS
+from diffbot_core.geometry import Point, Pose
 
 
 @pytest.mark.parametrize("c", [0.3, 0.6, 0.9])
@@ -58,6 +58,20 @@ def test_past_corrections_with_too_small_a_covariance_are_compensated_when_the_s
         ekf.take(found, numbers, fix(x, y, theta, time=0.2 * step))
     # Expected: the variance of the mean of 100 fixes of covariance 10 R. Without compensation it is 0.53 of this.
     assert 0.9 < found.P[0, 0] / (10.0 * R_FIX[0, 0] / 100.0) < 1.7
+
+
+@pytest.mark.parametrize("kind", [HEADING, BEARING])
+def test_past_corrections_by_angles_are_compensated_when_the_scale_of_angles_increases(kind):
+    landmarks = [Point(1000.0, 0.0)] if kind == BEARING else ()
+    numbers = options(landmarks, filter="ekf", gate_probability=1.0)
+    rng, variance = np.random.default_rng(4), 1e-4
+    # The position is known and the landmark far away, so a bearing measures the heading.
+    found = started(numbers, P=np.diag([1e-12, 1e-12, 1.0]), landmarks=len(landmarks))
+    found.P[WHEELS:, WHEELS:] = 0.0  # the landmark sensor has no errors
+    for step in range(100):
+        angle = math.sqrt(10.0 * variance) * rng.normal()
+        ekf.take(found, numbers, reading(kind, [angle], np.array([[variance]]), 0.2 * step, (1000.0, 0.0)))
+    assert 0.9 < found.P[2, 2] / (10.0 * variance / 100.0) < 1.7
 
 
 def test_the_scale_of_landmarks_is_never_below_1():
