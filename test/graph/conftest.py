@@ -10,7 +10,7 @@ import pytest
 
 @pytest.fixture
 def nodes():
-    """A context for each test: what a node has published stays listed as long as an executor holds its handles."""
+    """Run nodes in a new context: publishers stay in the graph as long as an executor holds their handles."""
     import one_process
 
     with one_process.nodes() as running:
@@ -18,7 +18,7 @@ def nodes():
 
 
 class ActionPeer:
-    """A client of an action of Nav2, of a peer's node; ``name`` is that of the action and of its type."""
+    """A client of an action of Nav2 on the node of a peer. ``name`` is the name of the action and of its type."""
 
     def __init__(self, peer, name):
         from nav2_msgs import action
@@ -33,7 +33,7 @@ class ActionPeer:
         """Send a goal and return its handle."""
 
         def ask():
-            # Again if the response was dropped, see Peer.call; feedback of the goal before does not count then.
+            # Called again if the response was dropped, see Peer.call. Feedback of the first goal is then ignored.
             self.feedback = mine = []
 
             def take(message):
@@ -65,7 +65,7 @@ def action_peer(nav2_folder):
 
 @pytest.fixture(scope="session")
 def nav2_folder(pytestconfig, tmp_path_factory, worker_id):
-    """Return the folder that holds the package nav2_msgs, from pytest's cache; this process can import it, too."""
+    """Return the folder of the package nav2_msgs, built once into pytest's cache; this process can import it, too."""
     import nav2_interfaces
 
     base = tmp_path_factory.getbasetemp() if worker_id == "master" else tmp_path_factory.getbasetemp().parent

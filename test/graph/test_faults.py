@@ -1,4 +1,4 @@
-"""Malformed calls and times, and callbacks that raise: nodes work on, and an internal error stops the robot."""
+"""Malformed calls and times are refused, and an internal error stops the robot but not the node."""
 
 from functools import partial
 from types import SimpleNamespace
@@ -42,7 +42,7 @@ def test_malformed_calls_and_times_are_refused_counted_and_harmless():
         message.clock.sec = -1
 
         def reported(text):
-            # Sent again and again: best effort, and a subscriber may not know this publisher yet.
+            # Best effort, and a subscriber may not have discovered this publisher yet: publish again and again.
             clocks.publish(message)
             reports = [one for array in found for one in array.status]
             return {one.name.strip("/") for one in reports if any(text in key for key in graph.values(one))} == {*NAMES}
@@ -63,7 +63,7 @@ class Drive(one_process.Fed):
 
     def go(self):
         self.send("goal_pose", pose_stamped(50.0, 0.0, 0.0))
-        # Where the machine is busy, the controller may have stopped the robot in between.
+        # On a busy machine, the controller may have stopped the robot in between.
         self.peer.spin_until(lambda: self.step() or self._moves(), what="motion")
 
     def _moves(self):
@@ -106,7 +106,7 @@ def test_unforeseen_error_stops_the_robot_is_reported_once_and_the_next_goal_is_
     assert drive.node.exit_code is None
 
 
-def test_unforeseen_error_ends_the_node_with_status_1_where_that_is_asked_for(nodes, monkeypatch):
+def test_unforeseen_error_ends_the_node_with_status_1_if_exit_on_error_is_set(nodes, monkeypatch):
     drive = Drive(nodes, {"exit_on_error": True})
     drive.go()
     monkeypatch.setattr(Supervisor, "on_pose", broken)
@@ -124,7 +124,7 @@ def test_error_of_a_timer_leaves_the_other_timers_running(nodes, monkeypatch):
 
 
 def test_error_of_the_executor_itself_leaves_the_node_running(nodes, monkeypatch):
-    """After an exception an EventsExecutor handles nothing: the next one does."""
+    """After an exception an EventsExecutor does not handle anything: it is replaced."""
     made = []
 
     class Failing:

@@ -1,4 +1,4 @@
-"""config/sros2_policy.xml allows each node what it does in the graph, and nothing else."""
+"""config/sros2_policy.xml allows each node the topics, services and actions that it uses, and no others."""
 
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -20,7 +20,7 @@ from diffbot_tools.demo import RECORDED_TOPICS
 
 POLICY = Path(__file__).resolve().parents[2] / "config" / "sros2_policy.xml"
 NAMESPACE = "/reference"
-"""Only in a namespace can relative names be told from absolute ones."""
+"""In a namespace, relative names differ from absolute names."""
 PROCESSES = {
     **{name: (name,) for name in ("controller", "ekf", "plant", "recorder", "replay")},
     "goal": ("goal_client",),
@@ -28,7 +28,7 @@ PROCESSES = {
 }
 """Nodes of each enclave."""
 OF_ACTION = {"reply": "execute", "request": "call"}
-"""Right of an action for each right of one of its services."""
+"""Right of an action by the right of one of its services."""
 REPLAYED = {
     "global_pose": "geometry_msgs/msg/PoseWithCovarianceStamped",
     "ground_truth": "nav_msgs/msg/Odometry",
@@ -69,7 +69,7 @@ def allowed_by(policy):
 
 
 def needed_by_nodes(observer):
-    """Return the same of what the nodes do, and of UNSEEN; an action counts instead of its topics and services."""
+    """Return (enclave, node, right, name) of all that the nodes use and of UNSEEN, with actions as one name."""
     looks = {
         "publish": observer.get_publisher_names_and_types_by_node,
         "subscribe": observer.get_subscriber_names_and_types_by_node,
@@ -90,7 +90,7 @@ def needed_by_nodes(observer):
 
 @pytest.fixture
 def observer(tmp_path):
-    """A node that discovers the others, which run in a namespace."""
+    """Run all nodes in a namespace, and yield a node that discovers them."""
     with new_bag(tmp_path / "bag") as writer:
         channels = [writer.add_topic(f"{NAMESPACE}/{name}", kind, [Qos()]) for name, kind in REPLAYED.items()]
         writer.write(channels[0], b"", 0, 0)  # never sent
@@ -116,12 +116,12 @@ def observer(tmp_path):
             node.before_shutdown()
 
 
-def test_the_policy_is_what_the_running_nodes_do(observer):
+def test_the_policy_allows_exactly_what_the_running_nodes_use(observer):
     policy = ET.parse(POLICY)
     observer.comes_true(lambda: needed_by_nodes(observer.node) == allowed_by(policy), graph.PATIENCE)
     needed = needed_by_nodes(observer.node)
     assert sorted(allowed_by(policy) ^ needed) == []
-    # The comparison finds each line that is missing, and a line too many.
+    # The comparison finds each missing line, and an additional line.
     for group in list(policy.iterfind(".//profile/*")):
         for line in list(group):
             group.remove(line)
@@ -132,8 +132,8 @@ def test_the_policy_is_what_the_running_nodes_do(observer):
         group.remove(group[-1])
 
 
-def test_a_node_that_cannot_be_protected_does_not_start_and_says_so_in_one_line(tmp_path):
-    """Keys that are empty files; the wheels' middleware is built without DDS Security and refuses any."""
+def test_a_node_with_unusable_keys_does_not_start_and_reports_why_in_one_line(tmp_path):
+    """The keys are empty files. The middleware of the wheels is built without DDS Security and refuses all keys."""
     (tmp_path / "enclaves").mkdir()
     for name in (
         "identity_ca.cert.pem",
