@@ -7,9 +7,10 @@ import graph
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Twist
-from lockstep_drive import take_what_is_under_way
-from robot import DEEP, SIMULATED, on_truth, planar, pose_stamped, stamp
+from nav_msgs.msg import Odometry
+from robot import DEEP, SIMULATED, planar, pose_stamped, stamp
 from rosgraph_msgs.msg import Clock
+from std_srvs.srv import SetBool
 
 from diffbot_control.controller_node import ControllerNode
 from diffbot_control.goals.states import DRIVING
@@ -17,33 +18,40 @@ from diffbot_core.geometry import Pose
 from diffbot_core.ros.node import DiffbotNode
 from diffbot_core.uncertainty import CERTAIN
 from diffbot_sim.parameters import PlantNodeConfig
+from diffbot_sim.plant_node import PlantNode
 
 PLACE = {"initial_pose.x": 3.0, "initial_pose.y": -1.0, "initial_pose.yaw": 1.0}
 PERIOD = 100_000_000
 
 
-def test_steps_have_the_period_and_time_of_the_wall_clock_and_a_paused_plant_sends_nothing():
-    with on_truth({**PLACE, "start_paused": True}) as robot:
-        clocks = robot.peer.subscribe(Clock, "/clock", 100)
-        robot.catch_up()
-        assert not robot.truths
-        began = time.time_ns()
-        assert robot.pause(False).message == "running"
-        robot.peer.spin_until(lambda: len(robot.truths) >= 25, what="25 steps")
-        stamps = [stamp(message) for message in robot.truths]
-        assert {after - before for before, after in itertools.pairwise(stamps)} == {PERIOD}
-        assert began <= stamps[0] <= time.time_ns()
-        assert planar(robot.truths[0].pose.pose) == (3.0, -1.0, 1.0)
-        assert not clocks, "wall time needs no /clock"
-        assert robot.pause(True).message == "paused"
-        take_what_is_under_way(robot)
-        count = len(robot.truths)
-        robot.peer.spin_for(1.0)
-        assert len(robot.truths) == count
-        robot.pause(False)
-        robot.peer.spin_until(lambda: len(robot.truths) > count, what="steps")
-        # Wall time continues during a pause.
-        assert stamp(robot.truths[count]) - stamp(robot.truths[count - 1]) > 0.9e9
+def test_steps_have_the_period_and_time_of_the_wall_clock_and_a_paused_plant_sends_nothing(nodes):
+    peer = nodes.peer
+    clocks = peer.subscribe(Clock, "/clock", 100)
+    truths = peer.subscribe(Odometry, "ground_truth", DEEP)
+    nodes.add(PlantNode, {**PLACE, "start_paused": True})
+    peer.wait_for_publishers("ground_truth")
+
+    def pause(is_paused):
+        return peer.call(SetBool, "plant/pause", SetBool.Request(data=is_paused)).message
+
+    assert not truths
+    began = time.time_ns()
+    assert pause(False) == "running"
+    peer.spin_until(lambda: len(truths) >= 15, what="15 steps")
+    stamps = [stamp(message) for message in truths]
+    assert {after - before for before, after in itertools.pairwise(stamps)} == {PERIOD}
+    assert began <= stamps[0] <= time.time_ns()
+    assert planar(truths[0].pose.pose) == (3.0, -1.0, 1.0)
+    assert not clocks, "wall time needs no /clock"
+    assert pause(True) == "paused"
+    peer.spin_for(0.3)
+    count = len(truths)
+    peer.spin_for(1.0)
+    assert len(truths) == count
+    pause(False)
+    peer.spin_until(lambda: len(truths) > count, what="steps")
+    # Wall time continues during a pause.
+    assert stamp(truths[count]) - stamp(truths[count - 1]) > 0.9e9
 
 
 def test_a_goal_and_poses_before_the_first_clock_are_used_with_the_time_of_that_clock(nodes):

@@ -8,7 +8,7 @@ import itertools
 import signal
 
 import pytest
-from lockstep_drive import PERIOD, STEPS, assert_same_path, go, take_what_is_under_way
+from lockstep_drive import PERIOD, STEPS, assert_same_path, go, receive_all
 from robot import lockstep, stamp
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
@@ -78,7 +78,7 @@ def test_after_a_node_was_stopped_the_robot_drives_on_by_the_answer_to_each_step
             lambda at=stopped_at: stamp(robot.truths[-1]) >= at + 30 * PERIOD, what="the steps after it"
         )
     robot.pause(True)
-    take_what_is_under_way(robot)
+    receive_all(robot)
     assert "no answer on cmd_vel: moving on with zero command" in robot.processes["plant"].output
     times = [stamp(message) for message in robot.truths]
     assert times == sorted(set(times)), "each step is sent once"

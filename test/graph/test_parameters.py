@@ -1,9 +1,7 @@
 """Parameters of the nodes: refusals at the start and at run time, changes, dumps and files."""
 
 import math
-import sys
 
-import graph
 import pytest
 import yaml
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters, SetParametersAtomically
@@ -14,6 +12,7 @@ from diffbot_control.controller_node import ControllerNode
 from diffbot_control.ekf_node import EkfNode
 from diffbot_core.errors import DiffbotError
 from diffbot_core.schema import parameters_of
+from diffbot_sim import plant_node
 from diffbot_sim.plant_node import PlantNode
 
 KINDS = {"controller": ControllerNode, "ekf": EkfNode, "plant": PlantNode}
@@ -112,10 +111,9 @@ def test_a_file_sets_the_parameters_of_the_nodes_that_it_names_and_unknown_names
     assert [node.get_parameter(f"initial_pose.{name}").value for name in ("x", "y", "yaw")] == [3.0, 4.5, 0.0]
 
 
-def test_an_argument_that_ros_would_ignore_in_a_namespace_ends_the_start():
-    arguments = ("--ros-args", "-r", "__ns:=/r1", "-p", "plant:initial_pose.y:=2.0")
-    with graph.process(sys.executable, "-m", "diffbot_sim.plant_node", *arguments) as plant:
-        assert plant.wait() == 1
-        (line,) = [one for one in plant.output.splitlines() if one.startswith("error: ")]
+def test_an_argument_that_ros_would_ignore_in_a_namespace_ends_the_start(kept_signal_handlers, capfd, monkeypatch):
+    monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")  # the node sets it
+    assert plant_node.main(["--ros-args", "-r", "__ns:=/r1", "-p", "plant:initial_pose.y:=2.0"]) == 1
+    (line,) = [one for one in capfd.readouterr().err.splitlines() if one.startswith("error: ")]
     assert "plant:initial_pose.y:=2.0" in line
     assert line.endswith("use a parameter file with /**/plant, or -p initial_pose.y:=2.0")

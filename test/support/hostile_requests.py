@@ -1,4 +1,4 @@
-"""Hostile connections to a server of pages, from a seed: what is sent, byte by byte."""
+"""Hostile bytes for connections to a page server, from a seed."""
 
 from websockets.frames import Frame, Opcode
 
@@ -17,7 +17,7 @@ MESSAGES = [
 
 
 def requests(host, token):
-    """Return the kinds of requests as functions of random numbers, by name."""
+    """Return functions that make the bytes of a request from a random generator, by kind."""
     head = f"Host: {host}\r\n"
     upgrade = (
         f"{head}Origin: http://{host}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
