@@ -9,7 +9,7 @@ import graph
 import pytest
 import requirements
 
-from diffbot_tools.processes import localhost_discovery
+from diffbot_tools.processes import PrivateDomain, localhost_discovery
 
 try:
     from hypothesis import settings
@@ -30,7 +30,9 @@ os.umask(0o022)
 # Wrong types in a message field raise instead of being sent.
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
 os.environ |= localhost_discovery()
-os.environ["ROS_DOMAIN_ID"] = str(graph.free_domain())
+_DOMAIN = PrivateDomain()
+"""Reserved until this process ends."""
+os.environ["ROS_DOMAIN_ID"] = str(_DOMAIN.id)
 # With wheels, the environment contains the packages: ignore other installations, but not an overlay on this environment
 # (`make real`).
 _PREFIXES = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)

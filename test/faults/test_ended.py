@@ -178,7 +178,7 @@ def limited():
     resource.setrlimit(resource.RLIMIT_FSIZE, (FILE_LIMIT, FILE_LIMIT))
 
 
-@tried(10)
+@tried(10, once=0)
 def test_full_disk_ends_the_recording_with_one_error_and_the_robot_drives_on(apart, trials, tmp_path):
     apart.drive()
     for number in trials:

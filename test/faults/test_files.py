@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 import graph
 import pytest
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
+from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
 from repeated import tried
 
 from diffbot_control import controller_node
@@ -59,12 +59,9 @@ LONG_CALLS = (
         lambda n: value("PARAMETER_DOUBLE_ARRAY", double_array_value=array.array("d", bytes(8 * n))),
     ),
     ("set", SetParameters, lambda n: value("PARAMETER_STRING", string_value="x" * 10 * n)),
-    ("set", SetParameters, lambda n: value("PARAMETER_STRING_ARRAY", string_array_value=["x"] * n)),
     ("set", SetParameters, lambda n: SetParameters.Request(parameters=[Parameter(name="sigma_known")] * (n // 200))),
-    ("set", SetParameters, lambda n: SetParameters.Request(parameters=[Parameter(name="g" * n)])),
     ("get", GetParameters, lambda n: GetParameters.Request(names=["sigma_known"] * (n // 2))),
     ("list", ListParameters, lambda n: ListParameters.Request(prefixes=["sigma_known"] * (n // 2))),
-    ("describe", DescribeParameters, lambda n: DescribeParameters.Request(names=["sigma_known"] * (n // 2))),
 )
 """Service, its type, and a request of about 10 ``n`` bytes; n / 200 parameters, since rclpy needs 60 us for each."""
 
@@ -75,7 +72,7 @@ def controller():
         yield running
 
 
-@tried(80, once=8)
+@tried(80, once=5)
 def test_a_node_answers_other_clients_within_half_a_second_during_calls_of_any_length(controller, trials):
     request = GetParameters.Request(names=["sigma_known"])
     with graph.peer("hostile") as hostile, graph.peer("other") as other:

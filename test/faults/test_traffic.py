@@ -61,7 +61,7 @@ class BadNetwork:
             publisher.publish(data)
 
 
-@tried(20)
+@tried(20, once=0)
 def test_goals_are_reached_over_a_bad_network(observed, trials, seeded):
     options = {"only": ("robot", "plant"), "joined": True}
     options["arguments"] = ("-r", "ekf:odom:=relayed/odom", "-r", "ekf:global_pose:=relayed/fix")

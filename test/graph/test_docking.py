@@ -28,7 +28,7 @@ FAULTS = [pytest.param(one, marks=() if one == docks.SWAPPED else pytest.mark.sl
 @pytest.fixture(scope="module")
 def scene(nav2_folder):
     """Run the nodes, which can import nav2_msgs."""
-    with graph.private_domain(), pytest.MonkeyPatch.context() as patch, ExitStack() as stack:
+    with pytest.MonkeyPatch.context() as patch, ExitStack() as stack:
         patch.setenv("PYTHONPATH", os.pathsep.join(filter(None, (str(nav2_folder), os.environ.get("PYTHONPATH")))))
         rclpy.init()
         stack.callback(rclpy.try_shutdown)

@@ -78,10 +78,10 @@ def test_a_command_that_is_interrupted_cancels_its_goal(driven):
 )
 def test_the_command_reports_the_end_in_one_line(driven, arguments, status, text, kept_signal_handlers, capfd):
     assert cli.main(["goal", *map(str, FAR), *arguments]) == status
-    written, said = capfd.readouterr()
+    output, errors = capfd.readouterr()
     # On a busy machine the command waits for the controller; rcl warns if the node of the previous case still exists.
-    said = re.sub(r"waiting for the controller .*\n(  .*\n)*|\[WARN\] .* \[rcl\.logging_rosout\]: .*\n", "", said)
-    assert re.fullmatch(text, written + said)
+    errors = re.sub(r"waiting for the controller .*\n(  .*\n)*|\[WARN\] .* \[rcl\.logging_rosout\]: .*\n", "", errors)
+    assert re.fullmatch(text, output + errors)
 
 
 def test_a_command_that_waits_for_a_controller_names_the_present_controllers_and_can_be_interrupted(driven):

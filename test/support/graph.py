@@ -6,7 +6,6 @@ hangs. They are long, so that a test does not fail on a busy machine; times that
 """
 
 import contextlib
-import fcntl
 import json
 import os
 import signal
@@ -17,7 +16,7 @@ import time
 from pathlib import Path
 
 import diffbot_control
-from diffbot_core.files import runtime_folder
+from diffbot_tools.processes import PrivateDomain
 
 MODULES = {
     "plant": "diffbot_sim.plant_node",
@@ -25,7 +24,6 @@ MODULES = {
     "controller": "diffbot_control.controller_node",
     "robot": "diffbot_control.robot_node",
 }
-DOMAINS = range(20, 100)
 PATIENCE = 120.0
 """[s] Minimum deadline of every wait: a node may take a minute to start beside a dozen processes on two cores."""
 ANSWER = 10.0
@@ -35,58 +33,19 @@ _QUIET = 0.03
 SOURCE = Path(diffbot_control.__file__).resolve().parent.parent
 
 
-def free_domain():
-    """Return a ROS domain that is not in use on this machine, and keep it until this process ends."""
-    return _locked_domain()[0]
-
-
 @contextlib.contextmanager
 def private_domain():
     """Give this process and its children a ROS domain of their own while the ``with`` block lasts."""
-    before = os.environ.get("ROS_DOMAIN_ID")
-    domain, lock = _locked_domain()
-    os.environ["ROS_DOMAIN_ID"] = str(domain)
+    before, domain = os.environ.get("ROS_DOMAIN_ID"), PrivateDomain()
+    os.environ["ROS_DOMAIN_ID"] = str(domain.id)
     try:
-        yield domain
+        yield domain.id
     finally:
-        os.utime(lock)
-        os.close(lock)
+        domain.release()
         if before is None:
             del os.environ["ROS_DOMAIN_ID"]
         else:
             os.environ["ROS_DOMAIN_ID"] = before
-
-
-def _locked_domain():
-    """Return the domain that has been unused for the longest time, and the open lock file that keeps it."""
-    ports = _udp_ports()
-    folder = runtime_folder()
-    # diffbot_tools.processes uses the same locks: a program under test does not use the domain of another test.
-    names = {domain: folder / f"domain-{domain}.lock" for domain in DOMAINS}
-    left = {domain: path.stat().st_mtime if path.exists() else 0.0 for domain, path in names.items()}
-    for domain in sorted(DOMAINS, key=left.get):
-        # The ports of all participants of a domain, as DDS numbers them.
-        if ports.intersection(range(7400 + 250 * domain, 7650 + 250 * domain)):
-            continue
-        # The end of the process closes it, too.
-        lock = os.open(names[domain], os.O_RDWR | os.O_CREAT, 0o666)
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            os.close(lock)
-            continue
-        os.utime(lock)
-        return domain, lock
-    raise RuntimeError("no free ROS domain")
-
-
-def _udp_ports():
-    ports = set()
-    for table in ("/proc/net/udp", "/proc/net/udp6"):
-        with contextlib.suppress(OSError):
-            for line in Path(table).read_text().splitlines()[1:]:
-                ports.add(int(line.split()[1].rpartition(":")[2], 16))
-    return ports
 
 
 def environment(**changes):
