@@ -1,5 +1,6 @@
 """Environment of all tests, set before ROS is imported: each pytest worker has a ROS domain of its own."""
 
+import atexit
 import os
 import signal
 import sys
@@ -31,7 +32,7 @@ os.umask(0o022)
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
 os.environ |= localhost_discovery()
 _DOMAIN = PrivateDomain()
-"""Reserved until this process ends."""
+atexit.register(_DOMAIN.release)
 os.environ["ROS_DOMAIN_ID"] = str(_DOMAIN.id)
 # With wheels, the environment contains the packages: ignore other installations, but not an overlay on this environment
 # (`make real`).

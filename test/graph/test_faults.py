@@ -17,40 +17,39 @@ from diffbot_control.controller_node import ControllerNode
 from diffbot_control.goals.supervisor import Supervisor
 from diffbot_core.ros import run as run_module
 from diffbot_core.ros.run import make_executor
+from diffbot_sim.plant_node import PlantNode
 
 NOT_A_TYPE = 10
 NAMES = ("controller", "plant")
 
 
-def test_malformed_calls_and_times_are_refused_counted_and_harmless():
-    command = ("run", "controller", "--with", "plant", "--ros-args", "-p", "use_sim_time:=true")
-    with graph.peer() as peer, graph.diffbot(*command) as process:
-        process.wait_for_output("[plant]: ready")
-        found = peer.subscribe(DiagnosticArray, "/diagnostics", 100)
-        bad = Parameter(name="wheel_radius", value=ParameterValue(type=NOT_A_TYPE))
-        good = Parameter(name="use_sim_time", value=ParameterValue(type=1, bool_value=True))
-        for name in NAMES:
-            request = SetParameters.Request(parameters=[good, bad, good])
-            results = peer.call(SetParameters, f"{name}/set_parameters", request).results
-            assert [result.successful for result in results] == [True, False, False]
-            assert "10 is not a valid Parameter.Type" in results[1].reason
-            request = SetParametersAtomically.Request(parameters=[bad])
-            result = peer.call(SetParametersAtomically, f"{name}/set_parameters_atomically", request).result
-            assert not result.successful
-        clocks, message = peer.publisher(Clock, "/clock"), Clock()
-        peer.wait_for_subscribers(clocks, count=2)
-        message.clock.sec = -1
+def test_malformed_calls_and_times_are_refused_and_counted(nodes, capfd):
+    peer = nodes.peer
+    for kind in (ControllerNode, PlantNode):
+        nodes.add(kind, {"use_sim_time": True})
+    found = peer.subscribe(DiagnosticArray, "/diagnostics", 100)
+    bad = Parameter(name="wheel_radius", value=ParameterValue(type=NOT_A_TYPE))
+    good = Parameter(name="use_sim_time", value=ParameterValue(type=1, bool_value=True))
+    for name in NAMES:
+        request = SetParameters.Request(parameters=[good, bad, good])
+        results = peer.call(SetParameters, f"{name}/set_parameters", request).results
+        assert [result.successful for result in results] == [True, False, False]
+        assert "10 is not a valid Parameter.Type" in results[1].reason
+        request = SetParametersAtomically.Request(parameters=[bad])
+        assert not peer.call(SetParametersAtomically, f"{name}/set_parameters_atomically", request).result.successful
+    clocks, message = peer.publisher(Clock, "/clock"), Clock()
+    peer.wait_for_subscribers(clocks, count=2)
+    message.clock.sec = -1
 
-        def reported(text):
-            # Best effort, and a subscriber may not have discovered this publisher yet: publish again and again.
-            clocks.publish(message)
-            reports = [one for array in found for one in array.status]
-            return {one.name.strip("/") for one in reports if any(text in key for key in graph.values(one))} == {*NAMES}
+    def reported(text):
+        # Best effort, and a subscriber may not have discovered this publisher yet: publish again and again.
+        clocks.publish(message)
+        reports = [one for array in found for one in array.status]
+        return {one.name.strip("/") for one in reports if any(text in key for key in graph.values(one))} == {*NAMES}
 
-        for text in ("/clock dropped", "set_parameters dropped"):
-            peer.spin_until(partial(reported, text), what=f"{text} in the reports of all")
-        assert process.stop() == 0
-        assert "Traceback" not in process.output
+    for text in ("/clock dropped", "set_parameters dropped"):
+        peer.spin_until(partial(reported, text), what=f"{text} in the reports of all")
+    assert "Traceback" not in "".join(capfd.readouterr())
 
 
 class Drive(one_process.Fed):

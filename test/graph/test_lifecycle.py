@@ -1,10 +1,8 @@
 """Managed nodes: the requests of Nav2's lifecycle manager, and the behaviour of the robot during them."""
 
-import sys
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
-import graph
 import one_process
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -21,6 +19,7 @@ from diffbot_control.ros.navigator import Navigator
 from diffbot_core.errors import DiffbotError
 from diffbot_core.parameter_groups import LifecycleConfig
 from diffbot_core.ros.managed_node import ManagedNode
+from diffbot_core.ros.run import run
 
 # The transitions of startup, pause, resume, reset and shutdown by Nav2's manager, and the state that it then expects.
 CONFIGURE = (Transition.TRANSITION_CONFIGURE, State.PRIMARY_STATE_INACTIVE)
@@ -171,10 +170,10 @@ def test_a_timer_that_is_due_while_the_node_is_cleaned_up_does_nothing(nodes, ki
 
 
 class Failing(ManagedNode):
-    """A node whose steps raise what the test sets."""
+    """A node whose steps raise the errors in ``raises`` once."""
 
-    def __init__(self, **options):
-        self.raises = {}
+    def __init__(self, raises=None, **options):
+        self.raises = raises or {}
         super().__init__("failing", LifecycleConfig, **options)
 
     def configure(self):
@@ -196,33 +195,17 @@ class Failing(ManagedNode):
 
 
 UNFORESEEN, REFUSED = ValueError("broken sensor"), DiffbotError("no sensor")
-AT_ONCE = """
-from diffbot_core.errors import DiffbotError
-from diffbot_core.geometry import Pose
-from diffbot_core.parameter_groups import LifecycleConfig
-from diffbot_core.ros.managed_node import ManagedNode
-from diffbot_core.ros.run import run
-
-class Failing(ManagedNode):
-    def __init__(self):
-        super().__init__("failing", LifecycleConfig)
-
-    def {step}(self):
-        raise {error}("broken sensor")
-
-raise SystemExit(run(Failing))
-"""
 
 
-@pytest.mark.parametrize(("step", "error"), [("configure", "ValueError"), ("activate", "DiffbotError")])
-def test_a_node_that_cannot_start_itself_ends_with_its_error(step, error):
-    with graph.process(sys.executable, "-c", AT_ONCE.format(step=step, error=error)) as process:
-        assert process.wait() == 1
-        kind = "ValueError: " if error == "ValueError" else ""
-        assert f"\nerror: /failing: {kind}broken sensor\n" in process.output
-        assert f"{step}: {kind}broken sensor" in process.output
-        assert ("Traceback" in process.output) == bool(kind)
-        assert "ready" not in process.output
+@pytest.mark.parametrize(("step", "error"), [("configure", UNFORESEEN), ("activate", REFUSED)])
+def test_a_node_that_cannot_start_itself_ends_with_its_error(step, error, kept_signal_handlers, capfd):
+    assert run(partial(Failing, {step: error}), []) == 1
+    output = "".join(capfd.readouterr())
+    text = "ValueError: broken sensor" if error is UNFORESEEN else "no sensor"
+    assert f"error: /failing: {text}\n" in output
+    assert f"{step}: {text}" in output
+    assert ("Traceback" in output) == (error is UNFORESEEN)
+    assert "ready" not in output
 
 
 @pytest.mark.parametrize(

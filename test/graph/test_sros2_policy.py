@@ -15,6 +15,7 @@ from diffbot_bag.writer import new_bag
 from diffbot_control.controller_node import ControllerNode
 from diffbot_control.ekf_node import EkfNode
 from diffbot_control.ros.goals.client import GoalClient
+from diffbot_sim import plant_node
 from diffbot_sim.plant_node import PlantNode
 from diffbot_tools.demo import RECORDED_TOPICS
 
@@ -132,21 +133,26 @@ def test_the_policy_allows_exactly_what_the_running_nodes_use(observer):
         group.remove(group[-1])
 
 
-def test_a_node_with_unusable_keys_does_not_start_and_reports_why_in_one_line(tmp_path):
+@pytest.mark.usefixtures("kept_signal_handlers")
+def test_a_node_with_unusable_keys_does_not_start_and_reports_why_in_one_line(tmp_path, capfd, monkeypatch):
     """The keys are empty files. The middleware of the wheels is built without DDS Security and refuses all keys."""
     (tmp_path / "enclaves").mkdir()
-    for name in (
+    names = (
         "identity_ca.cert.pem",
         "permissions_ca.cert.pem",
         "cert.pem",
         "key.pem",
         "governance.p7s",
         "permissions.p7s",
-    ):
+    )
+    for name in names:
         (tmp_path / "enclaves" / name).touch()
-    keys = {"ROS_SECURITY_KEYSTORE": str(tmp_path), "ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Enforce"}
-    with graph.node("diffbot_sim.plant_node", env={**graph.environment(), **keys}) as plant:
-        assert plant.wait() == 1
-        (line,) = [line for line in plant.output.splitlines() if line.startswith("error: ")]
-        assert "cannot create the node plant: " in line
-        assert "Traceback" not in plant.output
+    monkeypatch.setenv("ROS_SECURITY_KEYSTORE", str(tmp_path))
+    monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")
+    monkeypatch.setenv("ROS_SECURITY_STRATEGY", "Enforce")
+    monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")  # the node sets it
+    assert plant_node.main([]) == 1
+    output = "".join(capfd.readouterr())
+    (line,) = [line for line in output.splitlines() if line.startswith("error: ")]
+    assert "cannot create the node plant: " in line
+    assert "Traceback" not in output

@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import threading
 
 import graph
 import pytest
@@ -15,6 +16,7 @@ from robot import LATCHED, stamped_goal
 from diffbot_control.controller_node import ControllerNode
 from diffbot_control.ekf_node import EkfNode
 from diffbot_core.endpoints import TWIST, TWIST_STAMPED
+from diffbot_tools import cli
 
 IMPATIENT = {"pose_lost_timeout": 3.0}
 BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -161,28 +163,31 @@ def test_wrong_remappings_of_inputs_and_commands_name_the_existing_topics(nodes)
         )
 
 
-def test_diffbot_check_names_each_fault_of_a_base_before_the_nodes_run(nodes):
-    odometry = Odometry(child_frame_id="base_footprint")
-    odometry.header.frame_id = "odom"
-    fix = PoseWithCovarianceStamped()
-    fix.header.frame_id = "map"
+def test_diffbot_check_names_each_fault_of_a_base_before_the_nodes_run(kept_signal_handlers, capfd):
+    odometry, fix = Odometry(child_frame_id="base_footprint"), PoseWithCovarianceStamped()
+    odometry.header.frame_id, fix.header.frame_id = "odom", "map"
+    ended = threading.Event()
     with graph.peer(name="driver") as driver:
-        publishers = (
-            driver.publisher(Odometry, "odom", BEST_EFFORT),
-            driver.publisher(PoseWithCovarianceStamped, "global_pose"),
+        driver.subscribe(TwistStamped, "cmd_vel")
+        outputs = (
+            (odometry, driver.publisher(Odometry, "odom", BEST_EFFORT)),
+            (fix, driver.publisher(PoseWithCovarianceStamped, "global_pose")),
         )
 
         def publish():
-            for message, publisher in zip((odometry, fix), publishers, strict=True):
-                message.header.stamp = nodes.peer.node.get_clock().now().to_msg()
-                publisher.publish(message)
+            while not ended.wait(0.05):
+                for message, publisher in outputs:
+                    message.header.stamp = driver.node.get_clock().now().to_msg()
+                    publisher.publish(message)
 
-        nodes.peer.node.create_timer(0.05, publish)
-        driver.subscribe(TwistStamped, "cmd_vel")
-        with graph.diffbot("check", "--duration", "3", "--json") as check:
-            nodes.peer.spin_until(lambda: check.popen.poll() is not None, what="the end of the check")
-            assert check.popen.returncode == 1
-            lines = {one["name"]: one for one in json.loads(check.output)}
+        thread = threading.Thread(target=publish, daemon=True)
+        thread.start()
+        try:
+            assert cli.main(["check", "--duration", "3", "--json"]) == 1
+        finally:
+            ended.set()
+            thread.join()
+    lines = {one["name"]: one for one in json.loads(capfd.readouterr().out)}
     assert "wrong child_frame_id: 'base_footprint', not 'base_link'" in " ".join(lines["/odom"]["todo"])
     assert "set global_pose_sigma_xy" in " ".join(lines["/global_pose"]["todo"])
     assert lines["/cmd_vel"]["todo"] == []
