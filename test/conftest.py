@@ -52,7 +52,9 @@ STUDIES = (
     "lab/test_filter_benchmark.py",
     "lab/test_paper.py",
     "lab/stability/",
-    "sim/compiled/",
+    "sim/test_batch.py",
+    "sim/test_laws.py",
+    "sim/test_one_filter.py",
     "tools/calibration/",
 )
 

@@ -118,7 +118,7 @@ def test_two_signals_on_a_busy_machine_end_a_node_with_zero_as_the_last_command(
 
 
 @tried(10, once=0)
-def test_a_reader_that_is_held_up_does_not_hold_up_the_end_of_the_controller(apart, trials, seeded):
+def test_the_controller_ends_although_its_base_is_held_up(apart, trials, seeded):
     for number in trials:
         apart.drive()
         apart.wait(seeded)
@@ -133,7 +133,7 @@ def test_a_reader_that_is_held_up_does_not_hold_up_the_end_of_the_controller(apa
 
 
 @tried(20)
-def test_signals_close_the_bag(apart, trials, seeded, tmp_path):
+def test_a_signal_ends_the_recorder_with_a_finished_bag(apart, trials, seeded, tmp_path):
     apart.drive()
     for number in trials:
         folder = tmp_path / str(number)
@@ -179,7 +179,7 @@ def limited():
 
 
 @tried(10, once=0)
-def test_full_disk_ends_the_recording_with_one_error_and_the_robot_drives_on(apart, trials, tmp_path):
+def test_a_full_disk_ends_the_recording_with_one_error_and_the_robot_drives_on(apart, trials, tmp_path):
     apart.drive()
     for number in trials:
         folder = tmp_path / str(number)
@@ -195,7 +195,7 @@ def test_full_disk_ends_the_recording_with_one_error_and_the_robot_drives_on(apa
 
 
 @tried(20, once=0)
-def test_killed_robot_node_lets_the_base_stop(together, trials, seeded):
+def test_the_base_stops_without_robot_node(together, trials, seeded):
     for _ in together.moments(trials, seeded, together.drive):
         together.check_stop(trials, LOST_COMMANDS, together.kill("robot"), together.truths)
         restart(together, "robot")

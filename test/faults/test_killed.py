@@ -55,7 +55,7 @@ def without(witness, fault, name, parameters=None):
     ("name", "fault"),
     [("ekf", "kill"), ("ekf", "stop"), ("plant", "stop"), pytest.param("plant", "kill", marks=pytest.mark.slow)],
 )
-def test_lost_source_of_poses_stops_the_robot(fault, name, patient_base, trials, seeded):
+def test_a_lost_source_of_poses_stops_the_robot(fault, name, patient_base, trials, seeded):
     parameters = {**NEAR, "cmd_vel_timeout": NEVER} if name == "plant" else None
     for _ in patient_base.moments(trials, seeded):
         with without(patient_base, fault, name, parameters) as since:
@@ -64,7 +64,7 @@ def test_lost_source_of_poses_stops_the_robot(fault, name, patient_base, trials,
 
 @tried(20)
 @pytest.mark.parametrize("fault", ["kill", "stop"])
-def test_lost_controller_lets_the_base_stop(fault, driving, trials, seeded):
+def test_the_base_stops_without_its_controller(fault, driving, trials, seeded):
     driving.drive()
     # A controller that was stopped keeps its goal; a new controller does not have a goal.
     for _ in driving.moments(trials, seeded, driving.drive if fault == "kill" else None):
@@ -89,7 +89,7 @@ def true_poses(folder):
 
 
 @tried(20)
-def test_killed_recorder_leaves_the_robot_driving_and_a_readable_bag(driving, trials, seeded, tmp_path):
+def test_a_killed_recorder_leaves_a_readable_bag_and_the_robot_drives_on(driving, trials, seeded, tmp_path):
     driving.drive()
     for recorder, bag in recordings(driving, trials, tmp_path):
         driving.wait(seeded)
@@ -105,7 +105,7 @@ def test_killed_recorder_leaves_the_robot_driving_and_a_readable_bag(driving, tr
 
 
 @tried(5, once=0)
-def test_held_up_recorder_counts_what_it_missed(driving, trials, tmp_path):
+def test_a_recorder_that_was_held_up_counts_the_lost_messages(driving, trials, tmp_path):
     driving.drive()
     for recorder, bag in recordings(driving, trials, tmp_path):
         recorder.send(signal.SIGSTOP)

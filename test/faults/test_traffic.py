@@ -96,7 +96,7 @@ def control_periods(sent, output, kind):
 
 
 @tried(4, once=0)
-def test_flood_of_goals_leaves_the_control_period(observed, trials):
+def test_a_flood_of_goals_does_not_change_the_control_period(observed, trials):
     """Floods and pauses alternate, so that other load of the machine meets both alike."""
     command = (sys.executable, goal_flood.__file__, *map(str, (FLOOD_RATE, FLOOD_TIME, FLOODS, FAR[0])))
     options = {"only": ("controller", "plant"), "arguments": {"controller": TRUE_POSES}}

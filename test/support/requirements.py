@@ -44,6 +44,7 @@ AT_RUN_TIME = {
     "diffbot_sim.jit": {"numba"},
     "test.core.test_schema": {"numba"},
     "test.lab.campaign.test_runner": {"distributed"},
+    "test.tools.view.test_live_page": {"playwright"},
     "test.tools.view.test_map_marks": {"playwright"},
 }
 """Packages that modules import in a function, by a string, or in a program that they start."""
