@@ -133,7 +133,7 @@ def test_a_flipped_bit_changes_no_result_of_a_campaign(tmp_path, trials, seeded,
     path = tmp_path / JOURNAL
 
     def entries():
-        """Return the valid entries of the journal, sorted."""
+        """Return what the journal counts, without the order of its lines."""
         found = map(parsed, path.read_bytes().splitlines(keepends=True))
         return sorted(str(entry) for entry in found if entry is not None)
 

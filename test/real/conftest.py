@@ -1,4 +1,4 @@
-"""Tests that need more of ROS 2 than the wheels: an overlay (docs/how-to/real-ros.md) or a full installation."""
+"""Tests that need more of ROS 2 than the wheels: an overlay or a full installation (docs/how-to/install-on-ros.md)."""
 
 import json
 from pathlib import Path
