@@ -57,15 +57,15 @@ class ActionPeer:
         return future.result()
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def action_peer(nav2_folder):
     """Return a function that makes the client of an action, given a peer and the name of the action."""
     return ActionPeer
 
 
 @pytest.fixture(scope="session")
-def nav2_folder(pytestconfig, tmp_path_factory, worker_id):
-    """Return the folder of the package nav2_msgs, built once into pytest's cache; this process can import it, too."""
+def built_nav2(pytestconfig, tmp_path_factory, worker_id):
+    """Return the folder of the package nav2_msgs, built once into pytest's cache, and a dict for its module."""
     import nav2_interfaces
 
     base = tmp_path_factory.getbasetemp() if worker_id == "master" else tmp_path_factory.getbasetemp().parent
@@ -75,6 +75,23 @@ def nav2_folder(pytestconfig, tmp_path_factory, worker_id):
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not (folder / "nav2_msgs").is_dir():
             nav2_interfaces.build(folder)
+    return folder, {}
+
+
+@pytest.fixture(scope="module")
+def nav2_folder(built_nav2):
+    """Return the folder of the package nav2_msgs, which this process can import during the tests of one file.
+
+    In later files, the controllers in this process would serve the actions, too.
+    """
+    folder, modules = built_nav2
     sys.path.append(str(folder))
     importlib.invalidate_caches()
-    return folder
+    sys.modules.update(modules)
+    yield folder
+    sys.path.remove(str(folder))
+    module = sys.modules.get("nav2_msgs")
+    # An installation has a package of its own.
+    if module is not None and str(folder) in module.__file__:
+        modules["nav2_msgs"] = module
+        sys.modules["nav2_msgs"] = None
