@@ -1,4 +1,4 @@
-"""Drives of the simulated robot with known errors, for tests of the calibration."""
+"""Drives of the simulated robot with known errors, to hold a calibration to."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from diffbot_sim.plant import new_plant, plant_step
 from diffbot_tools.calibration.events import Array, Collector, Events
 
 NOISE, SIGMA_XY, SIGMA_YAW = 0.05, 0.05, 0.03
-"""Values in the messages: bound of the relative error of each encoder, deviations of a fix [m], [rad]."""
+"""What the messages claim: bound of the relative error of each encoder, deviations of a fix [m], [rad]."""
 SIGMA_GYRO = 0.01
-"""[rad/s] Deviation of the gyro in the messages."""
+"""[rad/s] the same of the gyro"""
 SECOND = "second_pose"
 """Topic of a second source of fixes, with the same deviations."""
 SECOND_FIXES = PoseSource(SECOND, 0.0, 0.0, 0.0).source
@@ -40,7 +40,7 @@ class Errors(NamedTuple):
     delay: float = 0.0
     """[s] by which the motion follows the odometry's stamps"""
     noise: float = 1.0
-    """factor on the true deviations of encoders and sensors; the messages do not contain it"""
+    """factor on the deviations of encoders and sensors, beside what the messages claim"""
     correlation_time: float = 0.0
     """[s] of the errors of fixes; 0: independent"""
     gyro_bias: float = 0.0
@@ -48,7 +48,7 @@ class Errors(NamedTuple):
 
 
 class Sensors(NamedTuple):
-    """Steps of 0.1 s between two measurements; 0: no measurements but a fix at the start."""
+    """Steps of 0.1 s between two measurements; 0: none, but for a fix at the start."""
 
     fixes: int = 2
     second: int = 0
@@ -70,7 +70,7 @@ class Recording(NamedTuple):
 
 
 def record(errors: Errors, seed: int, seconds: float = 300.0, sensors: Sensors = FIXES_ALONE) -> Recording:
-    """Drive curves with the plant for ``seconds``; ``seed`` determines all noise."""
+    """Drive curves with the plant for ``seconds``; all noise follows from ``seed``."""
     config = PlantConfig(
         encoder_noise=min(NOISE * errors.noise, 1.0),
         left_radius_error=errors.left,
@@ -113,7 +113,7 @@ def record(errors: Errors, seed: int, seconds: float = 300.0, sensors: Sensors =
 
 
 class _Noise:
-    """Errors of sensors; the errors of each source are a first-order Markov process."""
+    """Errors of sensors; those of each source are a first-order Markov process."""
 
     def __init__(self, rng: np.random.Generator, errors: Errors) -> None:
         self._rng, self._factor = rng, errors.noise
@@ -124,7 +124,7 @@ class _Noise:
         return float(self._factor * sigma * self._rng.normal())
 
     def next(self, source: str, now: float, sigmas: tuple[float, ...], time: float) -> list[float]:
-        """Return the error of a source at a time; ``time`` [s] is the correlation time of its errors."""
+        """Return the error of a source at a time, which lasts for ``time`` [s]."""
         fresh: Array = self._rng.normal(size=len(sigmas))
         if source in self._last and time > 0.0:
             last, before = self._last[source]

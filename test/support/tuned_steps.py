@@ -1,4 +1,4 @@
-"""Steps of the simulated robot under the default law, with the errors that a contract allows."""
+"""Steps of the robot itself under the default law, with the errors that a contract allows."""
 
 import math
 
@@ -19,7 +19,7 @@ PLAN = Plan(CONTRACT)
 LAW = requesting(CONFIG, PLAN)
 SHEET = CONFIG.data_sheet
 SLOWING = CONTRACT.sigma_max / CONFIG.sigma_known
-"""Largest deviation of the estimate over sigma_known."""
+"""the largest deviation in units of the one to arrive with"""
 PLANT = PlantConfig()
 
 
@@ -33,7 +33,7 @@ def moved(rng, pose, command):
 
 
 def measured(pose, errors):
-    """Return the estimate with shares (x, y, theta) of the allowed errors; the position error is within a disc."""
+    """Return the estimate with shares (x, y, theta) of the errors allowed; the position's error is within a disc."""
     x, y, theta = errors
     share = CONTRACT.eps_position / max(1.0, math.hypot(x, y))
     return Pose(pose.x + share * x, pose.y + share * y, wrap_angle(pose.theta + CONTRACT.eps_theta * theta))
