@@ -90,7 +90,7 @@ def test_the_actions_dock_at_the_second_try_after_a_false_contact_and_undock(sce
 
     status, result = undock.result(undock.send(max_undocking_time=1.0))
     assert (status, result.success, result.error_code) == (GoalStatus.STATUS_ABORTED, False, 905)
-    assert result.error_msg == "not reached: not within max_undocking_time = 1 s"
+    assert result.error_msg == "not reached: not undocked within max_undocking_time = 1 s"
 
     status, result = undock.result(undock.send())
     assert (status, result.success, result.error_code) == (GoalStatus.STATUS_SUCCEEDED, True, 0), result
