@@ -1,5 +1,6 @@
-"""Surroundings of all tests, set before anything of ROS is imported: each pytest worker has a graph of its own."""
+"""Environment of all tests, set before ROS is imported: each pytest worker has a ROS domain of its own."""
 
+import atexit
 import os
 import signal
 import sys
@@ -9,30 +10,32 @@ import graph
 import pytest
 import requirements
 
-from diffbot_tools.processes import localhost_discovery
+from diffbot_tools.processes import PrivateDomain, localhost_discovery
 
 try:
     from hypothesis import settings
 except ImportError:
-    # The tests that need it are left out (requirements.py).
+    # requirements.py leaves out the tests that need hypothesis.
     pass
 else:
-    # The same examples in every run; --hypothesis-profile=explore looks for new ones.
+    # The same examples in every run; --hypothesis-profile=explore finds new examples.
     settings.register_profile("repeatable", derandomize=True, deadline=None)
     settings.register_profile("explore", derandomize=False, deadline=None)
     settings.load_profile("repeatable")
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-    # Started in the background of a shell; processes that the tests start would ignore SIGINT, too.
+    # In the background of a shell, SIGINT is ignored, and would also be ignored by the processes of the tests.
     signal.signal(signal.SIGINT, signal.default_int_handler)
-# Files of a node that others could write to are not used, and tests write some.
+# Nodes do not use files that others can write.
 os.umask(0o022)
 # Wrong types in a message field raise instead of being sent.
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"
 os.environ |= localhost_discovery()
-os.environ["ROS_DOMAIN_ID"] = str(graph.free_domain())
-# With wheels the packages stand in the environment itself; another installation's must not be found before them, but
-# those of an overlay on this environment may (`make real`).
+_DOMAIN = PrivateDomain()
+atexit.register(_DOMAIN.release)
+os.environ["ROS_DOMAIN_ID"] = str(_DOMAIN.id)
+# With wheels, the environment contains the packages: ignore other installations, but not an overlay on this environment
+# (`make real`).
 _PREFIXES = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
 if (Path(sys.prefix) / "share" / "std_msgs").is_dir() and sys.prefix not in _PREFIXES:
     os.environ.pop("AMENT_PREFIX_PATH", None)
@@ -42,34 +45,36 @@ LEFT_OUT = requirements.left_out(requirements.missing_packages())
 collect_ignore = list(LEFT_OUT)
 PROCESSES = ("graph/", "faults/", "real/", "slow/")
 LONGEST_FIRST = ("install", "study", "graph")
-"""Marks, by the time that a file of such tests takes."""
+"""Marks, sorted by the time that a file of their tests takes."""
 STUDIES = (
     "lab/benchmark/",
     "lab/campaign/",
     "lab/test_filter_benchmark.py",
     "lab/test_paper.py",
     "lab/stability/",
-    "sim/compiled/",
+    "sim/test_batch.py",
+    "sim/test_laws.py",
+    "sim/test_one_filter.py",
     "tools/calibration/",
 )
 
 
 @pytest.fixture(scope="session", autouse=True)
 def ros_logs(tmp_path_factory):
-    """Have nodes log where pytest removes what earlier runs left."""
+    """Let nodes log to a folder that pytest removes."""
     os.environ["ROS_LOG_DIR"] = str(tmp_path_factory.mktemp("ros"))
 
 
 @pytest.fixture(scope="module", autouse=True)
 def domain():
-    """Give each file a graph of its own: processes that were killed linger in theirs until DDS forgets them."""
+    """Give each file a domain of its own: killed processes remain in a graph until DDS removes them."""
     with graph.private_domain() as number:
         yield number
 
 
 @pytest.fixture
 def kept_signal_handlers():
-    """Restore the signal handlers of the test process: the command line sets its own."""
+    """Restore the signal handlers of the test process, which the command line replaces."""
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     yield
     for number, handler in handlers.items():
@@ -83,7 +88,7 @@ def pytest_addoption(parser):
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """Mark rooms as a whole, and begin with the files that take longest, so that no worker is left with one at the end.
+    """Mark all tests of some rooms, and run the longest files first, so that all workers end at about the same time.
 
     Tests of other rooms that start nodes carry the mark ``graph`` themselves.
     """
@@ -103,11 +108,11 @@ def pytest_collection_modifyitems(items):
 
 
 def pytest_report_header():
-    """Name what the installation cannot run, as `colcon test` in a workspace of ROS."""
+    """Name the tests that this installation cannot run, for example in a workspace of ROS."""
     return requirements.summary(LEFT_OUT)
 
 
 def pytest_terminal_summary(terminalreporter):
-    """Say it again where the result stands, and with -q, which has no header."""
+    """Repeat the names beside the result, and with -q, which does not print a header."""
     if LEFT_OUT:
         terminalreporter.write_line(requirements.summary(LEFT_OUT), yellow=True)

@@ -1,4 +1,4 @@
-"""Fixtures of the fault tests: each fault is tried once in ``make test`` and many times in ``make slow``."""
+"""Fixtures of the fault tests."""
 
 import contextlib
 import random
@@ -10,13 +10,13 @@ from witness import Witness
 
 @pytest.fixture
 def seeded(request):
-    """Return random numbers that depend on the name of the test alone."""
+    """Return a random generator whose seed is the name of the test."""
     return random.Random(request.node.name)
 
 
 @pytest.fixture(scope="module")
 def observed():
-    """Return a context of a robot with its witness; at the end its processes and messages are audited."""
+    """Return a context manager of a robot and its witness, which audits processes and messages at the end."""
 
     @contextlib.contextmanager
     def begin(*arguments, **options):

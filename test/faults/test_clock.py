@@ -1,4 +1,4 @@
-"""Faults of /clock while poses go on: it stands still, jumps back or ahead, or has two publishers."""
+"""Faults of /clock while poses continue: it stands still, jumps back or ahead, or has two publishers."""
 
 import threading
 import time
@@ -20,7 +20,7 @@ BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 class ClockSource:
-    """Publishes the time of day plus ``offset`` [ns], from a thread of its own."""
+    """Publishes the time of day plus ``offset`` [ns] in a thread of its own."""
 
     def __init__(self, peer, offset=0):
         self.publisher = peer.publisher(Clock, "/clock", BEST_EFFORT)
@@ -31,7 +31,7 @@ class ClockSource:
         self._thread = threading.Thread(target=self._run, daemon=True)
 
     def start(self):
-        """Begin to publish; return the time before."""
+        """Begin to publish; return the monotonic time before."""
         since = time.monotonic()
         self._thread.start()
         return since
@@ -61,7 +61,7 @@ def timed(observed):
 
 
 def first_command(witness, since, is_expected):
-    """Return when the first such command came; after a jump back the robot stands for a second only."""
+    """Return the time of the first such command: after a jump back the robot stands for only a second."""
 
     def times():
         return [at for at, command in witness.commands if at >= since and is_expected(*command)]
@@ -74,7 +74,7 @@ def first_zero(witness, since):
 
 
 @tried(20)
-def test_clock_that_stands_still_stops_the_robot(timed, trials, seeded):
+def test_a_clock_that_stands_still_stops_the_robot(timed, trials, seeded):
     for _ in timed.moments(trials, seeded):
         timed.mark()
         timed.source.stands = True
@@ -86,7 +86,7 @@ def test_clock_that_stands_still_stops_the_robot(timed, trials, seeded):
 
 
 @tried(10)
-def test_clock_that_jumps_back_stops_the_robot(timed, trials, seeded):
+def test_a_clock_that_jumps_back_stops_the_robot(timed, trials, seeded):
     for _ in timed.moments(trials, seeded):
         since = timed.mark()
         timed.source.offset -= JUMP
@@ -94,7 +94,7 @@ def test_clock_that_jumps_back_stops_the_robot(timed, trials, seeded):
 
 
 @tried(10)
-def test_clock_that_jumps_ahead_leaves_the_goal(timed, trials, seeded):
+def test_a_clock_that_jumps_ahead_does_not_end_the_goal(timed, trials, seeded):
     for _ in timed.moments(trials, seeded):
         since = timed.mark()
         timed.source.offset += JUMP
@@ -104,7 +104,7 @@ def test_clock_that_jumps_ahead_leaves_the_goal(timed, trials, seeded):
 
 
 @tried(10)
-def test_second_publisher_of_clock_stops_the_robot_and_is_named(timed, trials, seeded):
+def test_a_second_publisher_of_clock_stops_the_robot_and_is_named(timed, trials, seeded):
     for _ in timed.moments(trials, seeded):
         with graph.peer("second_clock") as peer, closing(ClockSource(peer, -JUMP)) as second:
             peer.wait_for_subscribers(second.publisher, count=2)

@@ -1,8 +1,7 @@
-"""Hostile files and calls: parameter files, journals with a flipped bit, files of others, calls of any length."""
+"""Hostile files and calls: parameter files, journals with a flipped bit, parameter calls of any length."""
 
 import array
 import os
-import re
 import signal
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -10,11 +9,10 @@ from concurrent.futures import ThreadPoolExecutor
 import graph
 import pytest
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
+from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
 from repeated import tried
 
 from diffbot_control import controller_node
-from diffbot_control.filter.state_file import load_state
 from diffbot_core.errors import DiffbotError
 from diffbot_core.yaml_files import MAX_BYTES
 from diffbot_lab.campaign import spec
@@ -43,24 +41,9 @@ BAD_FILES = {
     "a value out of bounds": (written("/**/controller: {ros__parameters: {hold_goal: 3}}"), f"{NAME}, section /**/"),
     "too large": (written("/**: {ros__parameters: {\n" + "  a: 1,\n" * MAX_BYTES + "}}"), f"must be <= {MAX_BYTES}"),
     "no YAML": (written("a: ["), "is not a YAML file"),
-    "no text": (lambda path: path.write_bytes(bytes(range(256))), "not a text file in UTF-8"),
-    "no sections": (written("5"), "is not a parameter file"),
-    "a key twice": (written("/**: {ros__parameters: {sigma_known: 1.0, sigma_known: 2.0}}"), "occurs twice"),
-    "nested": (written("[" * 5000), "is not a YAML file"),
     "a pipe": (os.mkfifo, "not a regular file"),
-    "a device": (lambda path: path.symlink_to("/dev/zero"), "not a regular file"),
-    "a folder": (lambda path: path.mkdir(), "not a regular file"),
 }
-"""How each is made, and a part of the one line that it is refused with."""
-
-
-FOREIGN_FILES = {
-    "of another program": (lambda path: path.symlink_to("/etc/passwd"), "is not a JSON file"),
-    "a pipe": (os.mkfifo, "not a regular file"),
-    "a folder": (lambda path: path.mkdir(), "not a regular file"),
-    "too long": (written("{}" + " " * 10**6), "is too large: must be <= "),
-}
-"""How each is made, and a part of the reason for which it is not used."""
+"""A function that makes the file, and a part of the line that refuses it; test_yaml_files.py has more contents."""
 
 
 def value(kind, **fields):
@@ -76,14 +59,11 @@ LONG_CALLS = (
         lambda n: value("PARAMETER_DOUBLE_ARRAY", double_array_value=array.array("d", bytes(8 * n))),
     ),
     ("set", SetParameters, lambda n: value("PARAMETER_STRING", string_value="x" * 10 * n)),
-    ("set", SetParameters, lambda n: value("PARAMETER_STRING_ARRAY", string_array_value=["x"] * n)),
     ("set", SetParameters, lambda n: SetParameters.Request(parameters=[Parameter(name="sigma_known")] * (n // 200))),
-    ("set", SetParameters, lambda n: SetParameters.Request(parameters=[Parameter(name="g" * n)])),
     ("get", GetParameters, lambda n: GetParameters.Request(names=["sigma_known"] * (n // 2))),
     ("list", ListParameters, lambda n: ListParameters.Request(prefixes=["sigma_known"] * (n // 2))),
-    ("describe", DescribeParameters, lambda n: DescribeParameters.Request(names=["sigma_known"] * (n // 2))),
 )
-"""Service, its type, and a request of about 10 ``n`` bytes; of parameters n / 200, as rclpy makes 60 us of each."""
+"""Service, its type, and a request of about 10 ``n`` bytes; n / 200 parameters, since rclpy needs 60 us for each."""
 
 
 @pytest.fixture
@@ -92,8 +72,8 @@ def controller():
         yield running
 
 
-@tried(80, once=8)
-def test_others_are_answered_beside_calls_of_any_length(controller, trials):
+@tried(80, once=5)
+def test_a_node_answers_other_clients_within_half_a_second_during_calls_of_any_length(controller, trials):
     request = GetParameters.Request(names=["sigma_known"])
     with graph.peer("hostile") as hostile, graph.peer("other") as other:
         for number in trials:
@@ -118,7 +98,7 @@ def test_others_are_answered_beside_calls_of_any_length(controller, trials):
 @pytest.mark.parametrize("content", BAD_FILES)
 @pytest.mark.usefixtures("kept_signal_handlers")
 def test_a_bad_parameter_file_ends_the_start_in_one_line_that_names_it(content, tmp_path, capfd, monkeypatch):
-    monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")  # which the node sets
+    monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")  # the node sets it
     make, reason = BAD_FILES[content]
     make(tmp_path / NAME)
     assert controller_node.main(["--ros-args", "--params-file", str(tmp_path / NAME)]) == 1
@@ -130,22 +110,23 @@ def test_a_bad_parameter_file_ends_the_start_in_one_line_that_names_it(content, 
 
 
 @tried(30)
-def test_a_signal_ends_a_start_with_the_largest_of_files(tmp_path, trials, seeded):
+def test_a_signal_ends_a_node_while_it_reads_the_largest_file(tmp_path, trials, seeded):
     path = tmp_path / NAME
     names = "".join(f"    n{number}: 1\n" for number in range(MAX_BYTES // 16))
-    path.write_text(f"/**/controller:\n  ros__parameters:\n{names}")
+    own = "/**/controller:\n  ros__parameters:\n    hold_goal: true\n"
+    path.write_text(f"{own}/**/plant:\n  ros__parameters:\n{names}")
     assert path.stat().st_size < MAX_BYTES
     for _ in trials:
         with graph.node("diffbot_control.controller_node", arguments=("--params-file", path)) as node:
-            time.sleep(seeded.uniform(0.1, 3.0))  # wherever it is then
+            time.sleep(seeded.uniform(0.1, 3.0))  # at any moment of the start
             begin = time.monotonic()
             status = node.stop(seeded.choice((signal.SIGINT, signal.SIGTERM)))
             assert time.monotonic() - begin <= trials.bound(2.0)
-            # Before the interpreter has begun, Python's own way to end.
+            # Early in the start, the signal has the default action of the interpreter.
             assert status in (0, 130, -signal.SIGINT, -signal.SIGTERM)
 
 
-@tried(3000, once=60)
+@tried(3000, once=0)
 def test_a_flipped_bit_changes_no_result_of_a_campaign(tmp_path, trials, seeded, monkeypatch):
     monkeypatch.setattr(spec, "_STEPS_PER_CHUNK", 10 * 40)
     campaign = make_campaign(CAMPAIGN)
@@ -175,11 +156,3 @@ def test_a_flipped_bit_changes_no_result_of_a_campaign(tmp_path, trials, seeded,
             assert path.read_bytes() == bytes(changed)
         else:
             assert entries() == expected
-
-
-@pytest.mark.parametrize("kind", FOREIGN_FILES)
-def test_a_state_that_others_could_have_written_is_not_believed(kind, tmp_path):
-    make, reason = FOREIGN_FILES[kind]
-    make(tmp_path / "own.json")
-    with pytest.raises(DiffbotError, match=re.escape(reason)):
-        load_state(tmp_path / "own.json")

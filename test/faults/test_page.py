@@ -1,4 +1,4 @@
-"""Hostile requests, numbers and names to `diffbot watch`, while another client looks at what its page shows."""
+"""Hostile requests, numbers and names for `diffbot watch`, while another client receives the data of the page."""
 
 import contextlib
 import itertools
@@ -22,15 +22,15 @@ from diffbot_tools.view.model import LAW_LABELS
 from diffbot_tools.watch.watch_node import MAX_NODES
 
 SHARE = 1000
-"""names in one message"""
+"""Names in one message."""
 MAX_GROWTH = 20.0
 """[MB] of the process"""
 LEFT_OPEN = 12
-"""connections: less than the page serves"""
+"""Open connections, fewer than the page serves."""
 
 
 class Shown:
-    """`diffbot watch`, a client of its page, and the publisher of what it shows."""
+    """`diffbot watch`, a client of its page, and the publisher of a pose."""
 
     def __init__(self, watch, peer):
         self.watch, self.peer, self.url = watch, peer, watch_page.url_of(watch)
@@ -80,7 +80,7 @@ def test_hostile_requests_leave_another_browser_served(shown, trials, seeded):
     before, held = shown.watch.output, deque()
     for number in trials:
         held.append(socket.create_connection((name, int(port)), timeout=graph.PATIENCE))
-        # The server may have refused it before all of it is sent.
+        # The server may refuse a request before the end of it.
         with contextlib.suppress(OSError):
             held[-1].sendall(kinds[number % len(kinds)](seeded))
         if len(held) > LEFT_OPEN:
@@ -92,8 +92,8 @@ def test_hostile_requests_leave_another_browser_served(shown, trials, seeded):
 
 
 @tried(2000, once=40)
-def test_hostile_numbers_do_not_blind_the_page(shown, trials, seeded):
-    # Deep: a short burst must not be lost.
+def test_the_page_shows_new_poses_after_hostile_numbers(shown, trials, seeded):
+    # A deep queue, so that a short burst is not lost.
     laws = shown.peer.publisher(Float64MultiArray, "controller/navigation", QoSProfile(depth=100))
     shown.peer.wait_for_subscribers(laws)
     names = [name for name in LAW_LABELS if name != "stamp"]
@@ -106,12 +106,12 @@ def test_hostile_numbers_do_not_blind_the_page(shown, trials, seeded):
 
 
 @tried(120, once=3)
-def test_any_number_of_names_takes_bounded_memory(shown, trials):
+def test_memory_is_bounded_for_any_number_of_names(shown, trials):
     reports = shown.peer.publisher(DiagnosticArray, "/diagnostics")
     shown.peer.wait_for_subscribers(reports)
 
     def dropped():
-        """Return how many names the node says that it has dropped."""
+        """Return the number of dropped names that the node reports."""
         rows = shown.client.shared.get("diagnostics", [])
         assert len(rows) <= MAX_NODES
         texts = [one["message"] for one in rows if one["name"] == "/watch"]

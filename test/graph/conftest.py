@@ -10,7 +10,7 @@ import pytest
 
 @pytest.fixture
 def nodes():
-    """A context for each test: what a node has published stays listed as long as an executor holds its handles."""
+    """Run nodes in a new context: publishers stay in the graph as long as an executor holds their handles."""
     import one_process
 
     with one_process.nodes() as running:
@@ -18,7 +18,7 @@ def nodes():
 
 
 class ActionPeer:
-    """A client of an action of Nav2, of a peer's node; ``name`` is that of the action and of its type."""
+    """A client of an action of Nav2 on the node of a peer. ``name`` is the name of the action and of its type."""
 
     def __init__(self, peer, name):
         from nav2_msgs import action
@@ -33,7 +33,7 @@ class ActionPeer:
         """Send a goal and return its handle."""
 
         def ask():
-            # Again if the response was dropped, see Peer.call; feedback of the goal before does not count then.
+            # Called again if the response was dropped, see Peer.call. Feedback of the first goal is then ignored.
             self.feedback = mine = []
 
             def take(message):
@@ -57,15 +57,15 @@ class ActionPeer:
         return future.result()
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def action_peer(nav2_folder):
     """Return a function that makes the client of an action, given a peer and the name of the action."""
     return ActionPeer
 
 
 @pytest.fixture(scope="session")
-def nav2_folder(pytestconfig, tmp_path_factory, worker_id):
-    """Return the folder that holds the package nav2_msgs, from pytest's cache; this process can import it, too."""
+def built_nav2(pytestconfig, tmp_path_factory, worker_id):
+    """Return the folder of the package nav2_msgs, built once into pytest's cache, and a dict for its module."""
     import nav2_interfaces
 
     base = tmp_path_factory.getbasetemp() if worker_id == "master" else tmp_path_factory.getbasetemp().parent
@@ -75,6 +75,23 @@ def nav2_folder(pytestconfig, tmp_path_factory, worker_id):
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not (folder / "nav2_msgs").is_dir():
             nav2_interfaces.build(folder)
+    return folder, {}
+
+
+@pytest.fixture(scope="module")
+def nav2_folder(built_nav2):
+    """Return the folder of the package nav2_msgs, which this process can import during the tests of one file.
+
+    In later files, the controllers in this process would serve the actions, too.
+    """
+    folder, modules = built_nav2
     sys.path.append(str(folder))
     importlib.invalidate_caches()
-    return folder
+    sys.modules.update(modules)
+    yield folder
+    sys.path.remove(str(folder))
+    module = sys.modules.get("nav2_msgs")
+    # An installation has a package of its own.
+    if module is not None and str(folder) in module.__file__:
+        modules["nav2_msgs"] = module
+        sys.modules["nav2_msgs"] = None

@@ -1,5 +1,6 @@
-"""Docking over DDS in processes of its own: contact, undocking, another dock, and who may drive."""
+"""Docking over DDS with three processes: faults of the detector, Nav2's actions, and which controller may drive."""
 
+import os
 import signal
 from contextlib import ExitStack
 
@@ -7,7 +8,9 @@ import docks
 import graph
 import pytest
 import rclpy
+from action_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.action import get_action_server_names_and_types_by_node
 from repeated import tried
 from robot import LATCHED, pose_stamped
 
@@ -16,35 +19,40 @@ from diffbot_control.ros.goals.client import LOST, GoalClient, GoalTask
 from diffbot_control.ros.navigator import TaskResult
 from diffbot_core.geometry import Pose, out_of_frame
 
-SLOW = dict.fromkeys((docks.FROZEN, docks.RELOCATED), pytest.mark.slow)
-"""Faults that the tests of the law and of the sensors try in every run."""
+DETECTED = {"use_dock_id": False, "navigate_to_staging_pose": False}
+"""A goal of dock_robot for the dock that is detected."""
+FAULTS = [pytest.param(one, marks=() if one == docks.SWAPPED else pytest.mark.slow) for one in docks.FAULTS]
+"""The other faults are tested in every run with the docking law and the detections alone."""
 
 
 @pytest.fixture(scope="module")
-def scene():
-    """The nodes, and a navigator."""
-    with graph.private_domain(), ExitStack() as stack:
+def scene(nav2_folder):
+    """Run the nodes, which can import nav2_msgs."""
+    with pytest.MonkeyPatch.context() as patch, ExitStack() as stack:
+        patch.setenv("PYTHONPATH", os.pathsep.join(filter(None, (str(nav2_folder), os.environ.get("PYTHONPATH")))))
         rclpy.init()
         stack.callback(rclpy.try_shutdown)
         running = stack.enter_context(docks.Scene(seed=11))
+        running.peer = stack.enter_context(graph.peer())
         running.statuses = []
         running.navigator.create_subscription(DiagnosticStatus, "controller/status", running.statuses.append, LATCHED)
         yield running
 
 
-def wait_until_released(scene):
-    """Wait until the controller in map holds no pose: a docking makes it let go, of a goal that crosses that, too."""
-    assert scene.navigator.spin_until(lambda: scene.statuses and scene.statuses[-1].message == "idle", 30.0)
-
-
-def go_to(scene, x):
+def go_to(scene, x, y=0.0, yaw=0.0):
     """Send a goal before the dock."""
-    assert scene.navigator.goToPose(pose_stamped(*out_of_frame(Pose(x, 0.0, 0.0), docks.DOCK)))
+    assert scene.navigator.goToPose(pose_stamped(*out_of_frame(Pose(x, y, yaw), docks.DOCK)))
+
+
+def drive_to(scene, x, y=0.0, yaw=0.0):
+    """Drive to a pose before the dock."""
+    go_to(scene, x, y, yaw)
+    assert scene.wait() == "reached"
 
 
 @tried(10)
-@pytest.mark.parametrize("fault", [pytest.param(one, marks=SLOW.get(one, ())) for one in docks.FAULTS])
-def test_the_robot_meets_its_dock_or_none_and_is_answered(scene, fault, trials):
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_robot_docks_exactly_or_reports_that_it_does_not(scene, fault, trials):
     for _ in trials:
         done = scene.run(fault)
         assert done.end, "no answer"
@@ -56,13 +64,78 @@ def test_the_robot_meets_its_dock_or_none_and_is_answered(scene, fault, trials):
             assert done.end.startswith(("not reached: ", "pose lost: ")), done
 
 
-def test_a_goal_in_map_lets_go_of_the_dock_and_a_docking_of_the_goal_in_map(scene):
+def test_the_actions_dock_at_the_second_try_after_a_false_contact_and_undock(scene, action_peer):
+    drive_to(scene, -1.0, 0.05, 0.1)
+    dock, undock = action_peer(scene.peer, "dock_robot"), action_peer(scene.peer, "undock_robot")
+
+    def open_switch_after_first_try(feedback):
+        if feedback.num_retries:
+            scene.detector.touches = None
+
+    scene.detector.touches = True
+    status, result = dock.result(dock.send(open_switch_after_first_try, **DETECTED))
+    assert (status, result.success, result.error_code) == (GoalStatus.STATUS_SUCCEEDED, True, 0), result
+    assert result.num_retries >= 1
+    assert result.error_msg == ""
+    scene.detector.catch_up()
+    assert abs(scene.detector.truth.x) < 0.05
+
+    def times():
+        return [one.docking_time.sec + 1e-9 * one.docking_time.nanosec for one in dock.feedback]
+
+    # The robot drives at dock_speed, in simulated time. The result may arrive before the last feedback.
+    scene.peer.spin_until(lambda: times() and times()[-1] > 0.6 / 0.12, what="the last feedback")
+    assert times() == sorted(times())
+    assert dock.feedback[-1].state == dock.type.Feedback.CONTROLLING
+
+    status, result = undock.result(undock.send(max_undocking_time=1.0))
+    assert (status, result.success, result.error_code) == (GoalStatus.STATUS_ABORTED, False, 905)
+    assert result.error_msg == "not reached: not undocked within max_undocking_time = 1 s"
+
+    status, result = undock.result(undock.send())
+    assert (status, result.success, result.error_code) == (GoalStatus.STATUS_SUCCEEDED, True, 0), result
+    scene.detector.catch_up()
+    assert scene.detector.truth.x == pytest.approx(-0.7, abs=0.06)
+
+
+def test_a_docking_is_cancelled_or_replaced_by_another(scene, action_peer):
+    drive_to(scene, -3.0)  # so far that the robot does not dock before the cancellation
+    dock, undock = action_peer(scene.peer, "dock_robot"), action_peer(scene.peer, "undock_robot")
+    handle = dock.send(**DETECTED)
+    scene.peer.spin_until(lambda: dock.feedback, what="feedback")
+    assert dock.cancel(handle).goals_canceling
+    status, result = dock.result(handle)
+    assert (status, result.success) == (GoalStatus.STATUS_CANCELED, False)
+
+    handle = dock.send(**DETECTED)
+    scene.peer.spin_until(lambda: dock.feedback, what="feedback")
+    newer = undock.send()
+    status, result = dock.result(handle)
+    assert (status, result.success, result.error_code) == (GoalStatus.STATUS_ABORTED, False, 999)
+    assert result.error_msg == "replaced: by a newer goal (action)"
+    undock.cancel(newer)
+
+
+def test_only_the_actions_of_docking_are_served_and_goals_that_cannot_be_served_are_rejected(scene, action_peer):
+    for name, fields, reason in (
+        ("dock_robot", {"navigate_to_staging_pose": False}, "use_dock_id is true: the node does not have a database"),
+        ("dock_robot", {"use_dock_id": False}, "navigate_to_staging_pose is true: first drive"),
+        ("undock_robot", {"max_undocking_time": 0.0}, "max_undocking_time is not positive: 0 s"),
+    ):
+        assert not action_peer(scene.peer, name).send(**fields).accepted
+        assert f"{name}: goal rejected: {reason}" in scene.processes["docking"].output
+    found = get_action_server_names_and_types_by_node(scene.peer.node, "dock_controller", "/")
+    assert {name for name, _ in found} == {"/dock_robot", "/undock_robot"}
+    in_map = get_action_server_names_and_types_by_node(scene.peer.node, "controller", "/")
+    assert {name for name, _ in in_map} == {"/navigate_to_pose", "/navigate_through_poses", "/follow_path"}
+
+
+def test_a_docking_cancels_the_goal_in_map_and_a_goal_in_map_cancels_the_docking(scene):
     navigator = scene.navigator
-    go_to(scene, -1.5)
+    drive_to(scene, -1.5)
+    assert navigator.undock()  # the clients for docking find their controller, which detects its dock
     assert scene.wait() == "reached"
-    assert navigator.undock()  # now the clients for docking have found their controller, and that sees its dock
-    assert scene.wait() == "reached"
-    wait_until_released(scene)
+    assert navigator.spin_until(lambda: scene.statuses and scene.statuses[-1].message == "idle", 30.0)
     go_to(scene, -100.0)  # so far that the robot does not arrive before the docking begins, on a busy machine either
     drive = navigator.task
     assert navigator.spin_until(lambda: drive.feedback is not None, 30.0)
@@ -77,22 +150,21 @@ def test_a_goal_in_map_lets_go_of_the_dock_and_a_docking_of_the_goal_in_map(scen
     assert navigator.getResult() == TaskResult.SUCCEEDED
 
 
-def test_a_docking_waits_as_long_for_its_controller_as_the_navigator_was_told(scene):
+def test_the_client_of_a_docking_waits_for_its_controller_as_long_as_the_navigator(scene):
     navigator = scene.navigator
-    go_to(scene, -1.5)
-    assert scene.wait() == "reached"
+    drive_to(scene, -1.5)
     assert navigator.dock()
     docking = navigator._docking
     impatient = GoalClient(
         "impatient", controller="dock_controller", prefix="dock/", restart_timeout=2.0 * RESTART_TIMEOUT
     )
     impatient.task = GoalTask(docking.task.id)
-    held_up = scene.processes["docking"].popen
-    held_up.send_signal(signal.SIGSTOP)
+    process = scene.processes["docking"].popen
+    process.send_signal(signal.SIGSTOP)
     try:
         graph.wait_for(lambda: navigator.isTaskComplete() or impatient.wait_for_end(0.1), what="an end")
     finally:
-        held_up.send_signal(signal.SIGCONT)
+        process.send_signal(signal.SIGCONT)
         impatient.close(shut_down=False)
     assert impatient.task.end == LOST
     assert scene.wait()

@@ -1,4 +1,4 @@
-"""Malformed calls and times, and callbacks that raise: nodes work on, and an internal error stops the robot."""
+"""Malformed calls and times are refused, and an internal error stops the robot but not the node."""
 
 from functools import partial
 from types import SimpleNamespace
@@ -17,40 +17,39 @@ from diffbot_control.controller_node import ControllerNode
 from diffbot_control.goals.supervisor import Supervisor
 from diffbot_core.ros import run as run_module
 from diffbot_core.ros.run import make_executor
+from diffbot_sim.plant_node import PlantNode
 
 NOT_A_TYPE = 10
 NAMES = ("controller", "plant")
 
 
-def test_malformed_calls_and_times_are_refused_counted_and_harmless():
-    command = ("run", "controller", "--with", "plant", "--ros-args", "-p", "use_sim_time:=true")
-    with graph.peer() as peer, graph.diffbot(*command) as process:
-        process.wait_for_output("[plant]: ready")
-        found = peer.subscribe(DiagnosticArray, "/diagnostics", 100)
-        bad = Parameter(name="wheel_radius", value=ParameterValue(type=NOT_A_TYPE))
-        good = Parameter(name="use_sim_time", value=ParameterValue(type=1, bool_value=True))
-        for name in NAMES:
-            request = SetParameters.Request(parameters=[good, bad, good])
-            results = peer.call(SetParameters, f"{name}/set_parameters", request).results
-            assert [result.successful for result in results] == [True, False, False]
-            assert "10 is not a valid Parameter.Type" in results[1].reason
-            request = SetParametersAtomically.Request(parameters=[bad])
-            result = peer.call(SetParametersAtomically, f"{name}/set_parameters_atomically", request).result
-            assert not result.successful
-        clocks, message = peer.publisher(Clock, "/clock"), Clock()
-        peer.wait_for_subscribers(clocks, count=2)
-        message.clock.sec = -1
+def test_malformed_calls_and_times_are_refused_and_counted(nodes, capfd):
+    peer = nodes.peer
+    for kind in (ControllerNode, PlantNode):
+        nodes.add(kind, {"use_sim_time": True})
+    found = peer.subscribe(DiagnosticArray, "/diagnostics", 100)
+    bad = Parameter(name="wheel_radius", value=ParameterValue(type=NOT_A_TYPE))
+    good = Parameter(name="use_sim_time", value=ParameterValue(type=1, bool_value=True))
+    for name in NAMES:
+        request = SetParameters.Request(parameters=[good, bad, good])
+        results = peer.call(SetParameters, f"{name}/set_parameters", request).results
+        assert [result.successful for result in results] == [True, False, False]
+        assert "10 is not a valid Parameter.Type" in results[1].reason
+        request = SetParametersAtomically.Request(parameters=[bad])
+        assert not peer.call(SetParametersAtomically, f"{name}/set_parameters_atomically", request).result.successful
+    clocks, message = peer.publisher(Clock, "/clock"), Clock()
+    peer.wait_for_subscribers(clocks, count=2)
+    message.clock.sec = -1
 
-        def reported(text):
-            # Sent again and again: best effort, and a subscriber may not know this publisher yet.
-            clocks.publish(message)
-            reports = [one for array in found for one in array.status]
-            return {one.name.strip("/") for one in reports if any(text in key for key in graph.values(one))} == {*NAMES}
+    def reported(text):
+        # Best effort, and a subscriber may not have discovered this publisher yet: publish again and again.
+        clocks.publish(message)
+        reports = [one for array in found for one in array.status]
+        return {one.name.strip("/") for one in reports if any(text in key for key in graph.values(one))} == {*NAMES}
 
-        for text in ("/clock dropped", "set_parameters dropped"):
-            peer.spin_until(partial(reported, text), what=f"{text} in the reports of all")
-        assert process.stop() == 0
-        assert "Traceback" not in process.output
+    for text in ("/clock dropped", "set_parameters dropped"):
+        peer.spin_until(partial(reported, text), what=f"{text} in the reports of all")
+    assert "Traceback" not in "".join(capfd.readouterr())
 
 
 class Drive(one_process.Fed):
@@ -63,7 +62,7 @@ class Drive(one_process.Fed):
 
     def go(self):
         self.send("goal_pose", pose_stamped(50.0, 0.0, 0.0))
-        # Where the machine is busy, the controller may have stopped the robot in between.
+        # On a busy machine, the controller may have stopped the robot in between.
         self.peer.spin_until(lambda: self.step() or self._moves(), what="motion")
 
     def _moves(self):
@@ -106,7 +105,7 @@ def test_unforeseen_error_stops_the_robot_is_reported_once_and_the_next_goal_is_
     assert drive.node.exit_code is None
 
 
-def test_unforeseen_error_ends_the_node_with_status_1_where_that_is_asked_for(nodes, monkeypatch):
+def test_unforeseen_error_ends_the_node_with_status_1_if_exit_on_error_is_set(nodes, monkeypatch):
     drive = Drive(nodes, {"exit_on_error": True})
     drive.go()
     monkeypatch.setattr(Supervisor, "on_pose", broken)
@@ -124,7 +123,7 @@ def test_error_of_a_timer_leaves_the_other_timers_running(nodes, monkeypatch):
 
 
 def test_error_of_the_executor_itself_leaves_the_node_running(nodes, monkeypatch):
-    """After an exception an EventsExecutor handles nothing: the next one does."""
+    """After an exception an EventsExecutor does not handle anything: it is replaced."""
     made = []
 
     class Failing:

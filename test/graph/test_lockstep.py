@@ -1,14 +1,14 @@
-"""Lock-step: the graph of three processes drives exactly as the closed loop without ROS, however slow a node is.
+"""Lock-step: three processes drive exactly as the closed loop without ROS, however slow a node is.
 
-A node that does not answer is passed over. Filter and controller take the inputs that are not their default ones; with
-those, test/tools/demo/test_demo.py compares the path, and test_robot_node.py in one process.
+Filter and controller use joint_states and odometry/filtered here; test_robot_node.py compares the path with the default
+inputs.
 """
 
 import itertools
 import signal
 
 import pytest
-from lockstep_drive import PERIOD, STEPS, assert_same_path, go, take_what_is_under_way
+from lockstep_drive import PERIOD, STEPS, assert_same_path, go, receive_all
 from robot import lockstep, stamp
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
@@ -41,29 +41,29 @@ def test_same_path_as_the_closed_loop(robot):
     times = [message.clock.sec * 10**9 + message.clock.nanosec for message in clocks]
     assert {after - before for before, after in itertools.pairwise(times)} == {PERIOD}
     received = robot.diagnosis("controller")
-    # One each step from the first fix on, which comes 0.3 s late.
+    # One message each step, from the first fix on, which is 0.3 s late.
     assert int(received["odometry/filtered received"]) >= STEPS - 2
     assert "pose received" not in received
 
 
-def put_to_sleep(robot, name):
-    """Stop a node until the plant has moved on without an answer; return the stamp of the step without one."""
+def stop_for_a_while(robot, name):
+    """Stop a node until the plant has continued without an answer; return the stamp of the unanswered step."""
     before = unanswered(robot)
     robot.processes[name].send(signal.SIGSTOP)
     try:
         robot.peer.spin_until(lambda: unanswered(robot) > before + 1, what="steps without an answer")
         robot.catch_up()
-        slept_at = stamp(robot.truths[-1])
+        stopped_at = stamp(robot.truths[-1])
     finally:
         robot.processes[name].send(signal.SIGCONT)
-    return slept_at
+    return stopped_at
 
 
 def unanswered(robot):
     return int(robot.diagnosis("plant")["steps without an answer"])
 
 
-def test_a_node_that_sleeps_neither_stops_the_robot_for_ever_nor_puts_it_a_step_behind(robot):
+def test_after_a_node_was_stopped_the_robot_drives_on_by_the_answer_to_each_step(robot):
     robot.peer.call(Trigger, "plant/reset")
     robot.peer.call(Trigger, "ekf/reset")
     robot.send_goal(*GOAL)
@@ -73,16 +73,16 @@ def test_a_node_that_sleeps_neither_stops_the_robot_for_ever_nor_puts_it_a_step_
     robot.pause(False)
     robot.peer.spin_until(lambda: len(robot.truths) > 20, what="20 steps")
     for name in ("controller", "ekf"):
-        slept_at = put_to_sleep(robot, name)
+        stopped_at = stop_for_a_while(robot, name)
         robot.peer.spin_until(
-            lambda at=slept_at: stamp(robot.truths[-1]) >= at + 30 * PERIOD, what="the steps after it"
+            lambda at=stopped_at: stamp(robot.truths[-1]) >= at + 30 * PERIOD, what="the steps after it"
         )
     robot.pause(True)
-    take_what_is_under_way(robot)
+    receive_all(robot)
     assert "no answer on cmd_vel: moving on with zero command" in robot.processes["plant"].output
     times = [stamp(message) for message in robot.truths]
     assert times == sorted(set(times)), "each step is sent once"
-    # From the answers on, the robot moves as the answer to each pose says, but for the 5 % of each wheel.
+    # Again the robot moves by the command that answers each pose, with an error of up to 5 % of each wheel.
     asked = {stamp(command): command.twist for command in robot.commands}
     moved = {stamp(truth): truth.twist.twist for truth in robot.truths}
     for when in times[-20:-1]:

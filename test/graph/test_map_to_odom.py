@@ -1,4 +1,4 @@
-"""The ekf's map -> odom: which poses it is made of, from odom and from joint_states, and what is sent."""
+"""The transform map -> odom of the ekf, with odometry from odom and from joint_states."""
 
 import math
 from types import SimpleNamespace
@@ -36,7 +36,7 @@ def matrix(pose):
     return np.array([[c, -s, pose[0]], [s, c, pose[1]], [0.0, 0.0, 1.0]])
 
 
-def test_map_to_odom_takes_the_pose_in_odom_to_the_estimate(monkeypatch):
+def test_map_to_odom_transforms_the_pose_in_odom_to_the_estimate(monkeypatch):
     # No wheel has tf2_msgs.
     monkeypatch.setattr(messages, "TFMessage", SimpleNamespace)
     node = Node()
@@ -53,7 +53,7 @@ def test_map_to_odom_takes_the_pose_in_odom_to_the_estimate(monkeypatch):
 
 @pytest.fixture
 def ekf(nodes, monkeypatch):
-    """Return a function that starts an ekf and returns it with the arguments of its sender and what that sends."""
+    """Return a function that starts an ekf and returns it with the arguments and the transforms of its sender."""
     created, sent = [], []
 
     def sender(*arguments):
@@ -71,7 +71,7 @@ def in_odom(time, x, y, theta, prefix=""):
     return message
 
 
-def test_of_odometry_it_has_the_stamp_and_the_pose_in_the_message(ekf):
+def test_with_odom_the_transform_has_the_stamp_and_the_pose_of_the_message(ekf):
     node, created, sent = ekf({"frame_prefix": "left/", "transform_tolerance": 0.5})
     assert tuple(created[1:]) == ("map", "left/odom", 0.5)
     node._on_sensor("global_pose", fix(START, 1.0, 2.0, 0.5))
@@ -83,7 +83,7 @@ def test_of_odometry_it_has_the_stamp_and_the_pose_in_the_message(ekf):
 
 
 @pytest.mark.parametrize("late", [0.05, -0.05])
-def test_of_joint_states_it_is_sent_at_the_stamp_of_odom_with_the_estimate_moved_there(ekf, late):
+def test_with_joint_states_the_estimate_is_predicted_to_the_stamp_of_odom(ekf, late):
     node, _, sent = ekf({"odometry_source": "joint_states", "sensor_timeout": 1.0})
     node._on_odometry_pose(in_odom(START, 5.0, 6.0, 0.1))
     assert not sent, "no estimate yet"
@@ -99,7 +99,7 @@ def test_of_joint_states_it_is_sent_at_the_stamp_of_odom_with_the_estimate_moved
     assert own == pytest.approx((5.0, 6.0, 0.1), abs=1e-12)
 
 
-def test_of_joint_states_the_estimate_is_moved_by_the_corrected_twist(ekf):
+def test_with_joint_states_the_estimate_is_predicted_by_the_corrected_twist(ekf):
     node, _, sent = ekf({"odometry_source": "joint_states", "wheels_as_configured": 0.0})
     node._on_sensor("global_pose", fix(START, 1.0, 2.0, 0.0))
     # Both wheels are known to be 2 % too large.

@@ -1,4 +1,4 @@
-"""Bad messages on every topic: dropped, counted, logged once, without any effect on what the node sends."""
+"""Bad messages on every topic are dropped, counted and logged once, and do not change what the node sends."""
 
 import copy
 import math
@@ -33,7 +33,7 @@ NAN, INF, HUGE = math.nan, math.inf, 1e308
 LONG = "x" * 100_000
 BAD_STAMP = {"header.stamp.sec": 2**31 - 1, "header.stamp.nanosec": 2**32 - 1}
 UNCERTAINTY = Uncertainty(math.sqrt(R_FIX[0, 0]), math.sqrt(R_FIX[2, 2]))
-"""of the poses that the controller gets: the error ellipse of a fix is a circle"""
+"""Uncertainty of the poses that the controller receives."""
 
 POSES = [
     ({"header.frame_id": "elsewhere"}, "wrong frame_id"),
@@ -43,10 +43,10 @@ POSES = [
     ({"pose.orientation.w": NAN}, "orientation not finite"),
     ({"pose.orientation.z": 1.0, "pose.orientation.w": 1.0}, "orientation is not a unit quaternion"),
 ]
-"""Changes of a message with a header and a pose, and the kind under which each is counted."""
+"""Changed fields of a message with a header and a pose, and the kind of the drop."""
 UNKNOWN_FRAME = "no transform" if find_spec("tf2_ros") else "wrong frame_id"
 GOALS = [(fields, UNKNOWN_FRAME if kind == "wrong frame_id" else kind) for fields, kind in POSES]
-"""With tf2 a goal may have any frame from which a transform leads to the map."""
+"""With tf2 a goal may have any frame that can be transformed to map."""
 COVARIANCES = [
     (BAD_STAMP, "stamp not normalised"),
     ({"pose.covariance.0": NAN}, "covariance not finite"),
@@ -85,7 +85,7 @@ FILTERED = [ZERO_STAMP, ({"child_frame_id": "base_footprint"}, "wrong child_fram
 
 
 def changed(message, fields):
-    """Return a copy with fields changed; a path is of names and indices, separated by dots."""
+    """Return a copy with changed fields; a field is given by names and indices with dots in between."""
     message = copy.deepcopy(message)
     for path, value in fields.items():
         *parents, last = path.split(".")
@@ -100,20 +100,20 @@ def changed(message, fields):
 
 
 class Spoiler(one_process.Fed):
-    """A node that receives bad messages among good ones."""
+    """A node that receives bad messages between good messages."""
 
     def __init__(self, *given):
         super().__init__(*given)
         self.sent = []
 
     def spoil(self, topic, good, cases):
-        """Send the good message with each of the changes."""
+        """Send a copy of the good message for each case, with the fields of the case changed."""
         for fields, kind in cases:
             self.send(topic, changed(good, fields))
             self.sent.append((topic, kind))
 
     def check_drops(self, log):
-        """Compare counters and log with what was sent: each kind has one short line."""
+        """Check that each bad message is counted and each kind has one short line in the log."""
         assert self.node.health.dropped == Counter(self.sent)
         lines = [line for line in log.splitlines() if "message dropped" in line]
         assert len(lines) == len(set(self.sent))
@@ -123,7 +123,7 @@ class Spoiler(one_process.Fed):
 
 
 @pytest.mark.parametrize("source", ["odom", "joint_states"])
-def test_filter_goes_on_as_if_the_bad_messages_had_not_come(nodes, source, capfd):
+def test_bad_messages_do_not_change_the_estimate(nodes, source, capfd):
     fed = Spoiler(nodes, EkfNode, {"odometry_source": source, "reliable_inputs": True})
     reference, wheels, speeds = Localization(LocalizationConfig()), WheelGeometry(), WheelSpeeds(5.0, 6.0)
     motion, cases, twist, covariance = odometry, ODOMETRIES, TwistValue(0.4, 0.1), TwistCovariance(*VARIANCES)
@@ -138,7 +138,7 @@ def test_filter_goes_on_as_if_the_bad_messages_had_not_come(nodes, source, capfd
         assert found.pose == pytest.approx(expected.pose, abs=1e-9)
         assert pytest.approx(expected.P, abs=1e-9) == found.P
 
-    # Neither a bad fix nor an odometry without any starts the filter.
+    # Neither a bad fix nor odometry without a fix starts the filter.
     fed.spoil("global_pose", fix(START), ESTIMATES[:3])
     fed.spoil(source, motion(START), [({}, "no fix yet")])
     fed.send("global_pose", fix())
@@ -165,7 +165,7 @@ def filtered(time, *pose):
     return message
 
 
-def test_controller_goes_on_as_if_the_bad_messages_had_not_come(nodes, capfd):
+def test_bad_messages_do_not_change_the_commands(nodes, capfd):
     fed = Spoiler(nodes, ControllerNode, {"pose_source": "odometry", "pose_timeout": 60.0})
     commands = nodes.peer.subscribe(Twist, "cmd_vel", DEEP)
     goal, memory = Pose(5.0, 1.0, 0.3), new_memory()
@@ -186,7 +186,7 @@ def test_controller_goes_on_as_if_the_bad_messages_had_not_come(nodes, capfd):
 
 
 def test_a_path_of_too_many_poses_is_refused_before_it_is_read(nodes, monkeypatch):
-    """The robot must not drive on without an answer while a million poses are read."""
+    """Reading a million poses would take longer than pose_timeout."""
     fed, read = one_process.Fed(nodes, ControllerNode, {"pose_timeout": 60.0}), []
     place = "diffbot_control.ros.messages.conversions.deserialize_message"
     monkeypatch.setattr(place, lambda data, kind: read.append(len(data)) or deserialize_message(data, kind))
@@ -201,7 +201,7 @@ def test_a_path_of_too_many_poses_is_refused_before_it_is_read(nodes, monkeypatc
     assert fed.node.supervisor.goals.present is not None
 
 
-def test_controller_takes_corrections_of_its_goal_and_drops_old_repeated_and_far_ones(nodes):
+def test_corrections_of_a_goal_are_used_unless_they_are_old_repeated_or_far_away(nodes):
     parameters = {"pose_source": "odometry", "pose_timeout": 60.0}
     fed = one_process.Fed(nodes, ControllerNode, parameters)
     supervisor = fed.node.supervisor
@@ -225,12 +225,12 @@ def test_controller_takes_corrections_of_its_goal_and_drops_old_repeated_and_far
         fed.send("goal_update", message)
         assert fed.node.health.dropped["goal_update", kind] == 1
     assert supervisor.goal == (5.1, 0.0, 0.0)
-    # As from a command line, which knows no time.
+    # A correction from a command line has no stamp.
     fed.send("goal_update", pose_stamped(5.3, 0.0, 0.0))
     assert (supervisor.goal, supervisor.updates) == ((5.3, 0.0, 0.0), 2)
 
 
-def test_plant_keeps_the_last_good_command(nodes, capfd):
+def test_bad_commands_do_not_change_the_motion_of_the_plant(nodes, capfd):
     fed = Spoiler(nodes, PlantNode, {"cmd_vel_timeout": 60.0, "drive_noise": 0.0})
     truths = nodes.peer.subscribe(Odometry, "ground_truth", DEEP)
     good = Twist()
@@ -254,14 +254,3 @@ def test_plant_keeps_the_last_good_command(nodes, capfd):
     fed.send("cmd_vel", changed(good, {"linear.x": 0.1, "linear.y": NAN, "angular.x": INF}))
     nodes.peer.spin_until(lambda: moves_at(0.1), what="the new command")
     fed.check_drops(capfd.readouterr().err)
-
-
-def test_a_pose_without_covariance_has_the_uncertainty_of_the_parameters(nodes, capfd):
-    fed = one_process.Fed(nodes, ControllerNode, {"pose_source": "odometry", "pose_sigma_xy": 0.03})
-    fed.send("goal_pose", pose_stamped(5.0, 1.0, 0.3))
-    for time in (START, START + 0.1):
-        fed.send("odometry/filtered", changed(filtered(time), {"pose.covariance": [0.0] * 36}))
-    assert fed.node.supervisor.uncertainty == (0.03, 0.02)
-    assert fed.node.health.counted["odometry/filtered with the covariance of the parameters"] == 2
-    text = "odometry/filtered: covariance is all zero, i.e. unknown: assuming pose_sigma_xy = 0.03 m"
-    assert capfd.readouterr().err.count(text) == 1

@@ -1,4 +1,4 @@
-"""The parameter file that ``diffbot robot new`` writes: the nodes know all of it, and a robot drives by it."""
+"""The parameter file of ``diffbot robot new``: the nodes know all its parameters, and a robot drives with it."""
 
 import math
 import re
@@ -16,7 +16,7 @@ from diffbot_tools.robot_description import RobotDescription, file_of_robot
 FILE = file_of_robot(RobotDescription(use_gyro=True), "my_robot.yaml")
 WARNING = re.compile(r"\[(WARN|ERROR|FATAL)\] \[[\d.]+\] \[(controller|ekf|plant)[].]")
 HARMLESS = "/clock", "no fix yet", "no odometry yet"
-"""in warnings while the nodes discover each other"""
+"""Warnings while the nodes discover each other."""
 
 
 def test_the_written_file_drives_along_a_path_within_its_limits(tmp_path, capfd):
@@ -33,12 +33,12 @@ def test_the_written_file_drives_along_a_path_within_its_limits(tmp_path, capfd)
         assert distance(robot.true_pose(), goal) < 0.1
         assert turned(robot.true_pose(), goal) < 0.1
         v, omega = zip(*map(twist, robot.commands), strict=True)
-        # The robot stands still; a status that was sent since then is about the newest pose.
+        # The robot stands still. The next status reports the newest pose.
         robot.controller_states.clear()
         robot.peer.spin_until(lambda: robot.controller_states, what="a status")
         values = graph.values(robot.controller_states[-1])
         P = np.array(robot.poses[-1].pose.covariance).reshape(6, 6)
-    # Waypoints that were passed are not counted.
+    # Passed waypoints are not counted as reached.
     assert (values["region"], values["waypoint"], values["goals reached"]) == ("Omega_L", "2/2", "1")
     # 99 % of a Rayleigh and of a normal distribution.
     expected = 3.0349 * math.sqrt(np.linalg.eigvalsh(P[:2, :2])[-1]), 2.5758 * math.sqrt(P[5, 5])
@@ -46,7 +46,7 @@ def test_the_written_file_drives_along_a_path_within_its_limits(tmp_path, capfd)
     assert found == pytest.approx(expected, abs=6e-5)
     assert 0.1 < max(map(abs, v)) <= 0.2
     assert max(map(abs, omega)) <= 2.0
-    # Of these nodes only: rcl also warns if a node of an earlier test with the same name is not yet garbage-collected.
+    # rcl also warns if a node of an earlier test with the same name is not yet garbage-collected.
     warnings = [line for line in "".join(capfd.readouterr()).splitlines() if WARNING.match(line)]
     assert not [line for line in warnings if not any(text in line for text in HARMLESS)]
 

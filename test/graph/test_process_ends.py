@@ -1,4 +1,4 @@
-"""The end of a process: silent by a signal while it still imports, forced where it cannot end by itself."""
+"""The end of a process: silent by a signal during its imports, and forced if the middleware does not let it end."""
 
 import signal
 import sys
@@ -22,7 +22,7 @@ class Hold:
 
 sys.meta_path.insert(0, Hold())
 """
-"""Python runs a ``sitecustomize`` first; with this one it stays at the import of a module until a signal ends it."""
+"""A ``sitecustomize``, which Python runs first. The process waits at the import of a module until a signal ends it."""
 
 
 def started(name, *arguments, folder, **environment):
@@ -34,8 +34,7 @@ def started(name, *arguments, folder, **environment):
 @pytest.mark.parametrize(
     ("command", "module", "number", "status"),
     [
-        (("replay_node",), "rclpy", signal.SIGTERM, 0),
-        # Before the command is known, it is one that was interrupted; then it is a node.
+        # Until the command is known, it ends as an interrupted command; then as a node.
         (DIFFBOT_RUN, "diffbot_tools.run_command", signal.SIGTERM, 130),
         (DIFFBOT_RUN, "rclpy", signal.SIGINT, 0),
     ],
@@ -53,7 +52,7 @@ def test_a_signal_during_the_imports_ends_a_program_silently(command, module, nu
 
 
 def test_a_signal_that_is_ignored_stays_ignored(tmp_path):
-    """As for a process in the background of a shell script."""
+    """A shell script starts its background processes so."""
     script = 'trap "" INT; exec "$0"', str(Path(sys.executable).with_name("controller_node"))
     # Python then writes a line for each module once it is imported.
     with started("/bin/sh", "-c", *script, folder=tmp_path, PYTHONPROFILEIMPORTTIME="1") as process:
@@ -83,14 +82,14 @@ raise SystemExit(run(Stuck))
 """
 
 
-def test_a_node_that_the_middleware_keeps_ends_after_its_shutdown():
+def test_a_node_that_the_middleware_does_not_let_end_is_ended_after_its_shutdown():
     with graph.process(sys.executable, "-c", STUCK) as process:
         process.wait_for_output("ready")
         assert process.stop() == 0
         assert "robot stands" in process.output
 
 
-class Unheard:
+class Unacknowledged:
     """A publisher whose readers never acknowledge, and its node."""
 
     def __init__(self, events):
@@ -104,10 +103,10 @@ class Unheard:
         self.events.append("destroyed")
 
 
-def test_before_nodes_are_destroyed_their_readers_have_a_bounded_time_in_total(monkeypatch):
+def test_nodes_wait_for_their_readers_for_a_bounded_time_in_total_before_they_are_destroyed(monkeypatch):
     events, began = [], time.monotonic()
     monkeypatch.setattr(run.rclpy, "try_shutdown", lambda: events.append("shut down"))
     monkeypatch.setattr(run, "READERS_TIMEOUT", 0.3)
-    run._destroy([Unheard(events), Unheard(events)], False)
+    run._destroy([Unacknowledged(events), Unacknowledged(events)], False)
     assert events == ["waited", "waited", "destroyed", "destroyed", "shut down"]
     assert 0.3 <= time.monotonic() - began < 3.0

@@ -1,4 +1,4 @@
-"""A controller that is killed while it drives: the robot stops, and its clients send the lost goal again."""
+"""A controller that is suspended or killed during a goal: its clients report the goal as lost and can send it again."""
 
 import signal
 import time
@@ -20,56 +20,51 @@ START, GOAL = Pose(-4.0, 0.2, 0.0), Pose(1.0, 0.2, 0.0)
 PLANT = {"initial_pose.x": START.x, "initial_pose.y": START.y, "initial_pose.yaw": START.theta}
 
 
-def test_a_goal_of_a_killed_controller_is_lost_for_its_clients_and_can_be_sent_again():
+def test_a_goal_is_lost_for_its_clients_if_the_controller_is_suspended_or_killed_and_can_be_sent_again():
     with (
         closing(GoalClient.in_own_context()) as waiting,
         closing(GoalClient.in_own_context(node_name="patient", restart_timeout=graph.PATIENCE)) as patient,
-        robot(PLANT, only=("plant",)) as bare,
+        robot(PLANT, only=("plant",)) as running,
     ):
-        bare.launch("controller", ON_TRUTH, TRUE_POSES)
-        bare.wait_until_ready("controller")
-        lost = waiting.send_goal([GOAL])
-        patient.task = GoalTask(lost.id)
-        assert patient.spin_until(lambda: patient.task.is_accepted, graph.PATIENCE)
-        bare.peer.spin_until(lambda: bare.truths and bare.truths[-1].twist.twist.linear.x > 0.1, what="a driving robot")
-        bare.processes["controller"].stop(signal.SIGKILL)
-        assert waiting.wait_for_end(graph.PATIENCE)
-        assert (lost.end, lost.reason) == (LOST, "the controller is gone")
-        bare.catch_up()  # and take the last statuses of the killed controller before the list is cleared
-        bare.peer.spin_until(lambda: bare.truths[-1].twist.twist.linear.x == 0.0, what="standstill")
-        assert not patient.task.end
-        bare.controller_states.clear()
-        bare.launch("controller", ON_TRUTH, TRUE_POSES)
-        bare.wait_until_ready("controller")
-        assert patient.wait_for_end(graph.PATIENCE)
-        assert (patient.task.end, patient.task.reason) == (LOST, "the controller was restarted")
-        bare.wait_for_state("idle")
-        again = waiting.send_goal([GOAL])
-        assert waiting.wait_for_end(graph.PATIENCE)
-        assert (again.end, again.reason) == ("reached", "")
-        assert distance(bare.true_pose(), GOAL) < 0.4
+        results = running.peer.subscribe(DiagnosticArray, "controller/goal_results", LATCHED)
+        controller = running.launch("controller", ON_TRUTH, TRUE_POSES)
+        running.wait_until_ready("controller")
 
-
-def test_a_controller_that_is_suspended_until_its_clients_have_lost_it_ends_its_goal():
-    with (
-        closing(GoalClient.in_own_context()) as waiting,
-        robot(PLANT, only=("plant",)) as bare,
-    ):
-        results = bare.peer.subscribe(DiagnosticArray, "controller/goal_results", LATCHED)
-        process = bare.launch("controller", ON_TRUTH, TRUE_POSES)
-        bare.wait_until_ready("controller")
-        lost = waiting.send_goal([GOAL])
-        process.send(signal.SIGSTOP)
+        suspended = waiting.send_goal([GOAL])
+        controller.send(signal.SIGSTOP)
         try:
             assert waiting.wait_for_end(graph.PATIENCE)
         finally:
-            process.send(signal.SIGCONT)
-        assert (lost.end, lost.reason) == (LOST, "the controller is gone")
-        bare.peer.spin_until(lambda: results and results[-1].status, what="the answer")
+            controller.send(signal.SIGCONT)
+        assert (suspended.end, suspended.reason) == (LOST, "the controller is gone")
+        running.peer.spin_until(lambda: results and results[-1].status, what="the end")
         (answer,) = results[-1].status
-        assert (answer.name, answer.message) == (lost.id, "not reached")
+        assert (answer.name, answer.message) == (suspended.id, "not reached")
         assert graph.values(answer)["reason"].startswith("the controller was suspended for ")
-        bare.wait_for_state("goal not reached")
+
+        killed = waiting.send_goal([GOAL])
+        patient.task = GoalTask(killed.id)
+        assert patient.spin_until(lambda: patient.task.is_accepted, graph.PATIENCE)
+        running.peer.spin_until(
+            lambda: running.truths and running.truths[-1].twist.twist.linear.x > 0.1, what="a driving robot"
+        )
+        controller.stop(signal.SIGKILL)
+        assert waiting.wait_for_end(graph.PATIENCE)
+        assert (killed.end, killed.reason) == (LOST, "the controller is gone")
+        running.catch_up()  # the last statuses of the killed controller are received before the list is cleared
+        running.peer.spin_until(lambda: running.truths[-1].twist.twist.linear.x == 0.0, what="standstill")
+        assert not patient.task.end
+        running.controller_states.clear()
+        running.launch("controller", ON_TRUTH, TRUE_POSES)
+        running.wait_until_ready("controller")
+        assert patient.wait_for_end(graph.PATIENCE)
+        assert (patient.task.end, patient.task.reason) == (LOST, "the controller was restarted")
+        running.wait_for_state("idle")
+
+        again = waiting.send_goal([GOAL])
+        assert waiting.wait_for_end(graph.PATIENCE)
+        assert (again.end, again.reason) == ("reached", "")
+        assert distance(running.true_pose(), GOAL) < 0.4
 
 
 def test_a_suspension_right_after_the_activation_ends_the_goal_before_the_first_pose_is_used(nodes, monkeypatch):
@@ -83,8 +78,8 @@ def test_a_suspension_right_after_the_activation_ends_the_goal_before_the_first_
     assert ended.reason == "the controller was suspended for 2.5 s"
 
 
-def test_a_loss_that_messages_contradict_is_none(monkeypatch):
-    """DDS may report the end of a lease and not that it is renewed, as on a busy machine."""
+def test_a_lease_that_ended_is_ignored_while_messages_arrive(monkeypatch):
+    """On a busy machine, DDS may report the end of a lease but not its renewal."""
     now = [time.monotonic()]
     with closing(GoalClient.in_own_context(restart_timeout=2.0)) as goals:
         monkeypatch.setattr(client, "time", SimpleNamespace(monotonic=lambda: now[0]))

@@ -65,8 +65,8 @@ def test_a_bag_that_exists_is_refused_before_anything_moves(kept_signal_handlers
     assert "]: ready" not in output
 
 
-def test_they_drive_as_two_nodes_do_and_a_pose_follows_the_command_that_answers_it():
-    """Both are sent by one thread: the times of the middleware are in the order of sending."""
+def test_filter_and_controller_in_one_process_drive_as_two_nodes_and_send_the_command_before_the_pose():
+    """One thread sends both, so that the times of the middleware show the order."""
     with inside(WORLD) as pair, graph.peer("times") as observer:
         commanded, posed = {}, {}
         for name, kind, times in (("cmd_vel", TwistStamped, commanded), ("pose", PoseWithCovarianceStamped, posed)):
@@ -76,7 +76,6 @@ def test_they_drive_as_two_nodes_do_and_a_pose_follows_the_command_that_answers_
 
             observer.node.create_subscription(kind, name, note, 1000)
             observer.wait_for_publishers(name)
-        # As in test_lockstep.py: the path of the closed loop.
         assert_same_path(go(pair, GOAL), GOAL, WORLD)
         diagnosis = pair.diagnosis("controller")
         assert int(diagnosis["pose received"]) > 0
@@ -85,7 +84,7 @@ def test_they_drive_as_two_nodes_do_and_a_pose_follows_the_command_that_answers_
         assert all(commanded[when] < posed[when] for when in commanded.keys() & posed)
 
 
-def test_a_law_of_others_reaches_a_goal():
+def test_another_law_than_the_projects_own_reaches_a_goal():
     goal = (-1.0, -4.0, 2.0)
     with inside(controller={"law": "rotate_drive_rotate"}) as robot:
         robot.send_goal(*goal)
@@ -96,7 +95,7 @@ def test_a_law_of_others_reaches_a_goal():
         assert (status["law"], status["goals reached"]) == ("rotate_drive_rotate", "1")
 
 
-def test_a_pose_of_another_topic_is_subscribed_to(nodes):
+def test_a_pose_that_is_remapped_is_received_by_a_subscription(nodes):
     ekf = nodes.add(EkfNode)
     for topic, is_handed_over in (("pose", True), ("amcl_pose", False)):
         arguments = ("-r", f"pose:={topic}", "-r", f"__node:={topic}_controller")
@@ -106,7 +105,7 @@ def test_a_pose_of_another_topic_is_subscribed_to(nodes):
         assert bool(nodes.peer.node.get_subscriptions_info_by_topic(f"/{topic}")) != is_handed_over
 
 
-def test_a_goal_in_map_that_is_reached_lets_go_of_the_dock_if_it_came_after_the_docking(nodes, monkeypatch):
+def test_a_goal_in_map_cancels_a_docking_only_if_it_is_newer(nodes, monkeypatch):
     monkeypatch.setattr(docking_node, "_RELEASE_TIME", 0.0)
     ekf = nodes.add(docking_node.DockEkfNode, arguments=docking_node.remappings(docking_node.EKF))
     arguments = docking_node.remappings(docking_node.CONTROLLER)
@@ -114,11 +113,11 @@ def test_a_goal_in_map_that_is_reached_lets_go_of_the_dock_if_it_came_after_the_
     statuses = nodes.peer.publisher(GoalStatusArray, "controller/goal_status", LATCHED)
     dock.supervisor.on_goal(Pose(0.0, 0.0, 0.0), GoalRequest("1" * 32, "goal_pose", 0.0))
     dock._check_goals()
-    # Of before, though it is heard of after the docking has begun.
+    # An older goal, received after the begin of the docking.
     goal = GoalStatus(status=GoalStatus.STATUS_SUCCEEDED)
     goal.goal_info.goal_id.uuid[0] = 1
     statuses.publish(GoalStatusArray(status_list=[goal]))
-    nodes.peer.spin_until(lambda: dock._in_map is not None, what="the goal of before")
+    nodes.peer.spin_until(lambda: dock._in_map is not None, what="the older goal")
     dock._check_goals()
     assert not dock.supervisor.goals.present.is_cancelling
     goal.goal_info.goal_id.uuid[0] = 2

@@ -1,4 +1,4 @@
-"""A second publisher of what one node has to own: an ERROR in /diagnostics and one line of log, with both names."""
+"""A second publisher of a topic that only one node may publish: an ERROR in /diagnostics and a log line name both."""
 
 import graph
 import pytest
@@ -31,14 +31,14 @@ def wait_for(nodes, name, text, level):
 
 
 def next_report(nodes, name):
-    """Return the second report from now on: the first one may have been on its way."""
+    """Return the second report from now on: the first may have been sent before."""
     nodes.reports.clear()
     nodes.peer.spin_until(lambda: len(statuses(nodes, name)) >= 2, what="two reports")
     return statuses(nodes, name)[-1]
 
 
-def test_two_controllers_on_one_cmd_vel_are_both_reported_once_and_until_one_leaves(nodes, capfd):
-    # The topic is that after remapping, as with a mux; another one's publishers do not count.
+def test_two_controllers_on_one_cmd_vel_are_logged_once_by_each_and_reported_until_one_ends(nodes, capfd):
+    # The topic is remapped, as for a mux. Publishers of cmd_vel itself do not count.
     nodes.peer.publisher(Twist, "cmd_vel")
     mux = ("-r", "cmd_vel:=cmd_vel_nav")
     nodes.add(ControllerNode, arguments=mux)
@@ -48,7 +48,7 @@ def test_two_controllers_on_one_cmd_vel_are_both_reported_once_and_until_one_lea
         wait_for(nodes, name, text, DiagnosticStatus.ERROR)
     next_report(nodes, "/controller")
     assert capfd.readouterr().err.count(text) == 2, "once by each"
-    # An inactive controller leaves the topic to the other.
+    # An inactive controller does not report the other.
     other.trigger_deactivate()
     report = next_report(nodes, "/other")
     assert (report.level, report.message) == (DiagnosticStatus.OK, "inactive")
@@ -60,8 +60,8 @@ def test_two_controllers_on_one_cmd_vel_are_both_reported_once_and_until_one_lea
     )
 
 
-def test_a_second_controller_of_the_same_name_is_an_error_when_it_lasts(nodes, monkeypatch):
-    """For as long as DDS counts a killed process, it may be the one before."""
+def test_a_second_controller_of_the_same_name_is_an_error_after_the_lease(nodes, monkeypatch):
+    """Within the lease, DDS still counts the publishers of a killed process."""
     nodes.add(ControllerNode)
     nodes.add(ControllerNode)
     wait_for(nodes, "/controller", "robot: /controller, /controller (the publisher of a killed", DiagnosticStatus.WARN)

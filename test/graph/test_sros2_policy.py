@@ -1,4 +1,4 @@
-"""config/sros2_policy.xml allows each node what it does in the graph, and nothing else."""
+"""config/sros2_policy.xml allows each node the topics, services and actions that it uses, and no others."""
 
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -15,12 +15,13 @@ from diffbot_bag.writer import new_bag
 from diffbot_control.controller_node import ControllerNode
 from diffbot_control.ekf_node import EkfNode
 from diffbot_control.ros.goals.client import GoalClient
+from diffbot_sim import plant_node
 from diffbot_sim.plant_node import PlantNode
 from diffbot_tools.demo import RECORDED_TOPICS
 
 POLICY = Path(__file__).resolve().parents[2] / "config" / "sros2_policy.xml"
 NAMESPACE = "/reference"
-"""Only in a namespace can relative names be told from absolute ones."""
+"""In a namespace, relative names differ from absolute names."""
 PROCESSES = {
     **{name: (name,) for name in ("controller", "ekf", "plant", "recorder", "replay")},
     "goal": ("goal_client",),
@@ -28,7 +29,7 @@ PROCESSES = {
 }
 """Nodes of each enclave."""
 OF_ACTION = {"reply": "execute", "request": "call"}
-"""Right of an action for each right of one of its services."""
+"""Right of an action by the right of one of its services."""
 REPLAYED = {
     "global_pose": "geometry_msgs/msg/PoseWithCovarianceStamped",
     "ground_truth": "nav_msgs/msg/Odometry",
@@ -69,7 +70,7 @@ def allowed_by(policy):
 
 
 def needed_by_nodes(observer):
-    """Return the same of what the nodes do, and of UNSEEN; an action counts instead of its topics and services."""
+    """Return (enclave, node, right, name) of all that the nodes use and of UNSEEN, with actions as one name."""
     looks = {
         "publish": observer.get_publisher_names_and_types_by_node,
         "subscribe": observer.get_subscriber_names_and_types_by_node,
@@ -90,7 +91,7 @@ def needed_by_nodes(observer):
 
 @pytest.fixture
 def observer(tmp_path):
-    """A node that discovers the others, which run in a namespace."""
+    """Run all nodes in a namespace, and yield a node that discovers them."""
     with new_bag(tmp_path / "bag") as writer:
         channels = [writer.add_topic(f"{NAMESPACE}/{name}", kind, [Qos()]) for name, kind in REPLAYED.items()]
         writer.write(channels[0], b"", 0, 0)  # never sent
@@ -116,12 +117,12 @@ def observer(tmp_path):
             node.before_shutdown()
 
 
-def test_the_policy_is_what_the_running_nodes_do(observer):
+def test_the_policy_allows_exactly_what_the_running_nodes_use(observer):
     policy = ET.parse(POLICY)
     observer.comes_true(lambda: needed_by_nodes(observer.node) == allowed_by(policy), graph.PATIENCE)
     needed = needed_by_nodes(observer.node)
     assert sorted(allowed_by(policy) ^ needed) == []
-    # The comparison finds each line that is missing, and a line too many.
+    # The comparison finds each missing line, and an additional line.
     for group in list(policy.iterfind(".//profile/*")):
         for line in list(group):
             group.remove(line)
@@ -132,21 +133,26 @@ def test_the_policy_is_what_the_running_nodes_do(observer):
         group.remove(group[-1])
 
 
-def test_a_node_that_cannot_be_protected_does_not_start_and_says_so_in_one_line(tmp_path):
-    """Keys that are empty files; the wheels' middleware is built without DDS Security and refuses any."""
+@pytest.mark.usefixtures("kept_signal_handlers")
+def test_a_node_with_unusable_keys_does_not_start_and_reports_why_in_one_line(tmp_path, capfd, monkeypatch):
+    """The keys are empty files. The middleware of the wheels is built without DDS Security and refuses all keys."""
     (tmp_path / "enclaves").mkdir()
-    for name in (
+    names = (
         "identity_ca.cert.pem",
         "permissions_ca.cert.pem",
         "cert.pem",
         "key.pem",
         "governance.p7s",
         "permissions.p7s",
-    ):
+    )
+    for name in names:
         (tmp_path / "enclaves" / name).touch()
-    keys = {"ROS_SECURITY_KEYSTORE": str(tmp_path), "ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Enforce"}
-    with graph.node("diffbot_sim.plant_node", env={**graph.environment(), **keys}) as plant:
-        assert plant.wait() == 1
-        (line,) = [line for line in plant.output.splitlines() if line.startswith("error: ")]
-        assert "cannot create the node plant: " in line
-        assert "Traceback" not in plant.output
+    monkeypatch.setenv("ROS_SECURITY_KEYSTORE", str(tmp_path))
+    monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")
+    monkeypatch.setenv("ROS_SECURITY_STRATEGY", "Enforce")
+    monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")  # the node sets it
+    assert plant_node.main([]) == 1
+    output = "".join(capfd.readouterr())
+    (line,) = [line for line in output.splitlines() if line.startswith("error: ")]
+    assert "cannot create the node plant: " in line
+    assert "Traceback" not in output

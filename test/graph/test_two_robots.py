@@ -1,20 +1,14 @@
-"""Two robots in one graph: topics and frames apart, one clock for both, and what two clocks do."""
+"""Two robots in one graph."""
 
-import graph
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TwistStamped
 from nav_msgs.msg import Odometry
 from robot import DEEP, pose_stamped
-from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu
 
 from diffbot_control.controller_node import ControllerNode
 from diffbot_control.ekf_node import EkfNode
-from diffbot_core.ros.node import DiffbotNode
-from diffbot_sim.parameters import PlantNodeConfig
 from diffbot_sim.plant_node import PlantNode
 
-SIMULATED = {"use_sim_time": True}
 TOPICS = {
     "odom": (Odometry, "{}/odom", "{}/base_link"),
     "odometry/filtered": (Odometry, "map", "{}/base_link"),
@@ -42,8 +36,7 @@ def go(peer, name, *goal):
     goals.publish(pose_stamped(*goal))
 
 
-def test_topics_and_frames_of_two_robots_are_apart(nodes):
-    """One goes to its goal, the other one receives nothing of it."""
+def test_two_robots_in_namespaces_share_neither_topics_nor_frames(nodes):
     peer = nodes.peer
     received = {
         name: {topic: peer.subscribe(kind, f"/{name}/{topic}", DEEP) for topic, (kind, *_) in TOPICS.items()}
@@ -64,58 +57,5 @@ def test_topics_and_frames_of_two_robots_are_apart(nodes):
     assert heading.angular_velocity_covariance[0] == heading.linear_acceleration_covariance[0] == -1.0
     absolute = {"/diagnostics", "/parameter_events", "/rosout", "/tf", "/tf_static", "/clock"}
     names = {name for name, _ in peer.node.get_topic_names_and_types()} - absolute
-    # rclpy keeps this publisher of a lifecycle node until the process ends, here that of other tests.
+    # rclpy keeps this publisher of a lifecycle node until the process ends, also of nodes of other tests.
     assert {name.split("/")[1] for name in names if not name.endswith("/transition_event")} == {"left", "right"}
-
-
-class Listener(DiffbotNode):
-    """A node with use_sim_time and nothing else."""
-
-    def __init__(self, **options):
-        super().__init__("listener", PlantNodeConfig, **options)
-
-
-def test_a_missing_clock_is_reported_and_its_coming_too(nodes, capfd):
-    peer = nodes.peer
-    reports = peer.subscribe(DiagnosticArray, "/diagnostics", DEEP)
-    nodes.add(Listener, SIMULATED)
-    text = "use_sim_time is set, but nothing publishes /clock: time stands still"
-
-    def newest():
-        found = [one for array in reports for one in array.status if one.name == "/listener"]
-        return (found[-1].level, found[-1].message) if found else None
-
-    peer.spin_until(lambda: newest() == (b"\x01", text), what="the report")
-    assert "".join(capfd.readouterr()).count(text) == 1
-    peer.wait_for_subscribers(peer.publisher(Clock, "/clock"))
-    peer.spin_until(lambda: newest() == (b"\x00", "ok"), what="the all-clear")
-
-
-def test_time_that_jumps_to_and_fro_from_one_publisher_is_an_error_and_now_runs_on(nodes, monkeypatch):
-    """As of a bridge that passes on two clocks."""
-    for name in ("_WINDOW", "_SETTLE"):
-        monkeypatch.setattr(f"diffbot_core.ros.watches.{name}", graph.PATIENCE)
-    peer = nodes.peer
-    node = nodes.add(Listener, SIMULATED)
-    publisher = peer.publisher(Clock, "/clock")
-    peer.wait_for_subscribers(publisher)
-
-    def tell(seconds):
-        message = Clock()
-        message.clock.sec = seconds
-        publisher.publish(message)
-        peer.spin_until(lambda: node.get_clock().now().nanoseconds == seconds * 10**9, what=f"the time {seconds} s")
-        return node.clock_watch.now()
-
-    assert tell(100) == 100.0
-    assert tell(101) == 101.0
-    assert tell(20) == 20.0, "one jump back is a simulation that was started again"
-    assert node.clock_watch.problem == "time on /clock jumped back"
-    assert not node.clock_watch.contradictory
-    readings = [tell(seconds) for seconds in (500, 21, 501, 22, 502, 23, 503)]
-    assert node.clock_watch.contradictory
-    assert "jumps to and fro" in node.clock_watch.problem
-    assert node.health_level()[0] == 2
-    assert readings[-4:] == sorted(readings[-4:])
-    # By the real time between them, not by the jumps of 480 s.
-    assert readings[-1] - readings[-4] < 240.0

@@ -9,12 +9,12 @@ FIGURES = pytest.StashKey[dict]()
 
 
 def pytest_configure(config):
-    """Have one set of figures for the run."""
+    """Create the figures of this run."""
     config.stash[FIGURES] = {}
 
 
 def pytest_sessionfinish(session):
-    """Write the figures, if asked."""
+    """Write the figures if --real-json is given."""
     path = session.config.getoption("--real-json")
     if path and session.config.stash[FIGURES]:
         Path(path).write_text(json.dumps(session.config.stash[FIGURES], indent=1, sort_keys=True) + "\n")
@@ -22,5 +22,5 @@ def pytest_sessionfinish(session):
 
 @pytest.fixture
 def figures(pytestconfig):
-    """What this run measures, by its name in docs/results/data/ros.json."""
+    """Return the measured figures of this run, by their names in docs/results/data/ros.json."""
     return pytestconfig.stash[FIGURES]

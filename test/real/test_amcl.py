@@ -1,4 +1,4 @@
-"""Nav2's AMCL on simulated scans of a room: goals on its poses by the recipe of other-localization.md."""
+"""Goals on the poses of Nav2's AMCL, from simulated scans of a room, with the parameters of other-localization.md."""
 
 import random
 import sys

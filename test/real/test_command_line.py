@@ -1,4 +1,4 @@
-"""The README's commands of ROS 2 as they stand there, and what `ros2` says of the nodes."""
+"""The README's commands of ROS 2, and the output of `ros2` about the nodes."""
 
 import re
 import signal
@@ -14,20 +14,20 @@ from robot import robot
 
 ROOT = Path(__file__).resolve().parents[2]
 NOT_HERE = {"rviz:=true"}
-"""What a test cannot have: a screen."""
+"""Arguments that need a screen."""
 ALONE = ("--no-daemon", "--spin-time", "2")
-"""Without the daemon, which would outlive the test."""
+"""The daemon would outlive the test."""
 
 
 def of_readme(beginning):
-    """Return the words of the README's command that begins so, without its comment."""
+    """Return the words of the README's command with this beginning, without its comment."""
     section = (ROOT / "README.md").read_text().partition("## Use it on ROS 2 Jazzy")[2].partition("\n## ")[0]
     (line,) = (line.strip() for line in section.splitlines() if line.strip().startswith(beginning))
     return [word for word in line.partition("#")[0].split() if word not in NOT_HERE]
 
 
 def answer(*words, cwd=None):
-    """Return what a command prints; it has to end well, but may have to be asked again until it finds the node."""
+    """Return the output of a command that ends with status 0; run it again until it has discovered the node."""
 
     def found():
         with ros2(*words, cwd=cwd) as command:
@@ -42,7 +42,7 @@ def answer(*words, cwd=None):
 
 @contextmanager
 def launched(words, cwd, *ready):
-    """Run a launch file until the block ends; then SIGINT has to end all of it well."""
+    """Run a launch file while the ``with`` block lasts; SIGINT then ends all its processes cleanly."""
     with graph.process(*words, cwd=cwd) as launch:
         for node in ready:
             launch.wait_for_output(f"[{node}]: ready")
@@ -52,8 +52,7 @@ def launched(words, cwd, *ready):
         assert "process has died" not in launch.output
 
 
-def test_the_commands_of_the_readme(tmp_path):
-    """Simulation, goal and bag, then the replay of that bag; the bag holds what rosbag2 finds in it."""
+def test_the_commands_of_the_readme_drive_record_and_replay(tmp_path):
     nodes = "recorder", "ekf", "controller", "plant"
     with launched(of_readme("ros2 launch diffbot simulation.launch.py"), tmp_path, *nodes):
         assert "reached" in answer(*of_readme("ros2 run diffbot diffbot goal")[1:], cwd=tmp_path)
@@ -72,7 +71,7 @@ def running():
         yield one
 
 
-SAID = {
+PRINTED = {
     ("node", "list", *ALONE): ("/left/controller", "/left/ekf", "/left/plant"),
     ("topic", "list", *ALONE): ("/left/odom", "/left/pose", "/left/cmd_vel", "/tf"),
     ("node", "info", "/left/ekf", *ALONE): ("/left/global_pose: geometry_msgs/msg/PoseWithCovarianceStamped",),
@@ -84,16 +83,18 @@ SAID = {
     ("service", "call", "/left/controller/cancel", "std_srvs/srv/Trigger"): ("there was no goal",),
     ("pkg", "executables", "diffbot"): ("diffbot controller_node", "diffbot replay_node"),
 }
-"""What a command prints of the nodes."""
+"""Parts of the output of commands about the nodes."""
 
 
-@pytest.mark.parametrize("words", SAID, ids=lambda words: " ".join(words[:3]))
-def test_ros2_shows_the_nodes(running, words):
-    # On a busy machine a node may take longer to be discovered.
-    graph.wait_for(lambda: all(text in answer(*words) for text in SAID[words]), what=f"{SAID[words]} in the answer")
+@pytest.mark.parametrize("words", PRINTED, ids=lambda words: " ".join(words[:3]))
+def test_ros2_shows_the_nodes_with_their_topics_parameters_and_states(running, words):
+    # On a busy machine the discovery of a node may take longer.
+    graph.wait_for(
+        lambda: all(text in answer(*words) for text in PRINTED[words]), what=f"{PRINTED[words]} in the answer"
+    )
 
 
-def test_a_goal_by_ros2_topic_pub_is_driven_to(running):
+def test_the_robot_drives_to_a_goal_of_ros2_topic_pub(running):
     goal = "{header: {frame_id: map}, pose: {position: {x: 0.5, y: -0.5}, orientation: {w: 1.0}}}"
     answer("topic", "pub", "--once", "-w", "1", "/left/goal_pose", "geometry_msgs/msg/PoseStamped", goal)
     running.wait_for_state("goal reached", 60.0)

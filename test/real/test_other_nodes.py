@@ -1,4 +1,4 @@
-"""Nodes of others in C++ beside the project's: robot_localization, Nav2's lifecycle manager, robot_state_publisher."""
+"""Other nodes in C++ with the project's nodes: robot_localization and Nav2's lifecycle manager."""
 
 import random
 
@@ -12,7 +12,7 @@ from robot import DEEP, SIMULATED, distance, robot, turned
 FAST = {"clock": "scaled", "real_time_factor": 4.0, "seed": 11}
 GOALS = 20
 TOLERANCE = 0.1
-"""[m] and [rad] of the controller's default"""
+"""[m] and [rad], the controller's default"""
 
 
 def recipe():
@@ -46,7 +46,7 @@ NODES = "ekf", "controller"
 MANAGER = ("--ros-args", "-p", f"node_names:=[{', '.join(NODES)}]", "-p", "autostart:=true", "-p", "bond_timeout:=0.0")
 
 
-def test_nav2s_lifecycle_manager_brings_the_nodes_up_and_down():
+def test_nav2s_lifecycle_manager_starts_pauses_resets_and_shuts_down_the_nodes():
     waiting = {"autostart": False}
     with robot(ekf=waiting, controller=waiting, only=("plant",)) as driving:
         for name in NODES:

@@ -1,4 +1,4 @@
-"""Bags of this project in the real rosbag2, those of rosbag2 in the commands here, its services and clients."""
+"""rosbag2 reads and plays bags of this project, the commands read bags of rosbag2, and a replay has its services."""
 
 import signal
 from collections import Counter
@@ -31,7 +31,7 @@ CUT = {
     "trimmed": ("trim", "--from", "1s", "--to", "end-1s"),
     "filtered": ("filter", "--topics", "/odom", "/pose"),
 }
-"""Commands that make a bag of one of ours."""
+"""Commands that cut a bag."""
 KINDS = (*RECORDED, *CUT, "merged", "killed and repaired")
 COMMANDS = sorted(bag_commands.bag_commands() - set(bag_commands.GRAPH))
 DEEP = QoSProfile(depth=100_000)
@@ -44,7 +44,7 @@ def diffbot(*arguments):
 
 @pytest.fixture(scope="module")
 def ours(tmp_path_factory):
-    """Bags of the same drive, one of each kind."""
+    """Record a drive; return a folder with one bag of each kind."""
     folder = tmp_path_factory.mktemp("ours")
     with robot(only=("robot", "plant"), joined=True) as driving, one_process.nodes() as nodes:
         driving.send_goal(5.0, 5.0, 0.0)
@@ -68,12 +68,12 @@ def ours(tmp_path_factory):
 
 
 def named(number):
-    """ROS arguments that give a node a name of its own."""
+    """Return the ROS arguments of a recorder's own name."""
     return "-r", f"__node:=recorder_{number}"
 
 
 def all_have(peer, recorders, count):
-    """Wait until each recorder has had time for so many poses."""
+    """Wait until each recorder has subscribed and then ``count`` poses are published."""
     peer.spin_until(lambda: all({one.topic_name for one in each.node.subscriptions} >= {"/odom"} for each in recorders))
     poses = peer.subscribe(Odometry, "/odometry/filtered", DEEP)
     peer.spin_until(lambda: len(poses) >= count, what=f"{count} poses")
@@ -84,7 +84,7 @@ def killed_has(folder):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_rosbag2_reads_what_is_in_a_bag_of_ours(ours, kind, figures):
+def test_rosbag2_reads_all_messages_of_our_bags(ours, kind, figures):
     folder = ours / kind
     with BagReader(folder) as bag:
         expected = [(one.topic, one.data, one.log_time) for one in bag.messages()]
@@ -92,7 +92,7 @@ def test_rosbag2_reads_what_is_in_a_bag_of_ours(ours, kind, figures):
     assert sorted(found) == sorted(expected)
     known = rosbag2_bags.metadata(folder)
     if len(known.files) == 1:
-        # rosbag2 reads file by file, and messages that come together may be on both sides of a boundary.
+        # rosbag2 reads file by file, and the log times of two files may overlap.
         assert [time for *_, time in found] == sorted(time for *_, time in expected)
     counts = {one.topic_metadata.name: one.message_count for one in known.topics_with_message_count}
     assert {name: count for name, count in counts.items() if count} == Counter(topic for topic, *_ in expected)
@@ -109,7 +109,7 @@ THEIRS = {
 
 @pytest.fixture(scope="module")
 def theirs(ours, tmp_path_factory):
-    """Bags of the real rosbag2 with what is in one of ours."""
+    """Write the messages of one of our bags with rosbag2; return a folder with one bag of each kind."""
     folder = tmp_path_factory.mktemp("theirs")
     messages = rosbag2_bags.read(ours / "zstd")
     known = rosbag2_bags.metadata(ours / "zstd").topics_with_message_count
@@ -151,7 +151,7 @@ def test_a_bag_that_is_not_supported_is_refused_in_one_line_that_says_why(theirs
     assert word in error
 
 
-def test_ros2_bag_play_sends_all_of_ours(ours):
+def test_ros2_bag_play_sends_all_messages_of_our_bag(ours):
     expected = [data for topic, data, _ in rosbag2_bags.read(ours / "zstd") if topic == "/odom"]
     with graph.peer() as peer:
         received = peer.subscribe(Odometry, "/odom", DEEP, raw=True)
@@ -164,7 +164,6 @@ def test_ros2_bag_play_sends_all_of_ours(ours):
 
 
 def test_ros2_bag_record_records_the_robot_and_the_commands_read_it(tmp_path):
-    """In C++ and in a namespace."""
     with robot(only=("robot", "plant"), joined=True, namespace="/left") as driving:
         driving.send_goal(3.0, -3.0, 0.0)
         with ros2("bag", "record", "-o", tmp_path / "bag", "-s", "mcap", "-a") as command:
@@ -181,7 +180,7 @@ def test_ros2_bag_record_records_the_robot_and_the_commands_read_it(tmp_path):
 
 
 def test_the_services_of_a_replay_are_those_of_rosbag2s_player(ours):
-    """All nine, with the real types; each is seen in what the replay then does."""
+    """All nine services, with the types of rosbag2_interfaces."""
     arguments = ("replay", ours / "zstd", "--start-paused", "--disable-keyboard-controls", "--rate", "0.5")
     with graph.diffbot(*map(str, arguments)) as replay, graph.peer() as peer:
         odometry = peer.subscribe(Odometry, "/odom", DEEP)

@@ -1,4 +1,4 @@
-"""The nodes' transforms in the real tf2: at the stamps of their messages, in Python and C++; goals of other frames."""
+"""tf2 finds the transforms at the stamps of the messages, in Python and C++, and transforms goals and a gyro."""
 
 import math
 import time
@@ -20,11 +20,11 @@ from diffbot_control.ekf_node import EkfNode
 
 LOOKUPS = 1000
 MAX_AGE = 5.0
-"""[s] after which a lookup that has not succeeded has failed"""
+"""[s] until a lookup fails"""
 FAST = {"clock": "scaled", "real_time_factor": 2.0, "seed": 3}
 FAR = (60.0, -60.0, 0.0)
 MOUNT = (0.2, -0.1, 0.7)
-"""of a sensor on the robot, in a static transform"""
+"""Static transform of a sensor on the robot."""
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +36,7 @@ def driving():
 
 
 class Stamps:
-    """The stamped poses of the robot in odom and map, as they come."""
+    """The received poses of the robot in odom and map, with their times of receipt."""
 
     def __init__(self, peer):
         self.waiting, self.begin = [], time.monotonic()
@@ -53,7 +53,7 @@ def difference(transform, pose):
     return max(abs(there.x - x), abs(there.y - y), abs(turn))
 
 
-def test_a_python_listener_has_each_pose_at_its_stamp(driving, figures):
+def test_a_python_listener_finds_each_pose_at_its_stamp(driving, figures):
     peer, buffer = driving.peer, Buffer()
     TransformListener(buffer, peer.node)
     stamps, waits, errors = Stamps(peer), [], []
@@ -72,7 +72,7 @@ def test_a_python_listener_has_each_pose_at_its_stamp(driving, figures):
         stamps.waiting[:] = left
         return len(waits) >= LOOKUPS
 
-    # Before the listener has been discovered, nothing can come.
+    # Before the discovery of the listener, it does not receive transforms.
     peer.spin_until(lambda: buffer.can_transform("map", "base_link", Time()), what="the first transforms")
     stamps.waiting.clear()
     peer.spin_until(looked_up, 120.0, f"{LOOKUPS} transforms")
@@ -80,7 +80,7 @@ def test_a_python_listener_has_each_pose_at_its_stamp(driving, figures):
     figures["tf2 python"] = {"lookups": len(waits), "worst wait": max(waits), "worst difference": max(errors)}
 
 
-def test_a_cpp_listener_has_each_pose_at_its_stamp(driving, figures):
+def test_a_cpp_listener_finds_each_pose_at_its_stamp(driving, figures):
     """tf2_ros's buffer_server waits in C++ for the transform of each stamp."""
     peer = driving.peer
     with program("tf2_ros", "buffer_server", "--ros-args", "-p", "buffer_size:=30.0"):
@@ -114,7 +114,7 @@ def ask(peer, client, parent, stamp):
 
 @pytest.fixture
 def mounted(driving):
-    """A static transform of a C++ node that begins before whoever reads it."""
+    """Run a C++ node with a static transform, which is latched."""
     x, y, theta = MOUNT
     words = ("--x", x, "--y", y, "--yaw", theta, "--frame-id", "base_link", "--child-frame-id", "camera")
     with program("tf2_ros", "static_transform_publisher", *words) as publisher:
@@ -128,16 +128,16 @@ def goal_of(driving):
 
 
 @pytest.mark.parametrize("frame", ["odom", "base_link", "camera"])
-def test_a_goal_of_another_frame_is_driven_to_in_the_map(mounted, frame):
+def test_a_goal_in_another_frame_is_transformed_to_map(mounted, frame):
     driving = mounted
-    # At rest the transforms change by the estimate's noise alone.
+    # At rest the transforms change only by the noise of the estimate.
     driving.cancel()
     driving.peer.spin_until(lambda: len(driving.truths) > 1 and at_rest(driving.truths), what="rest")
     driving.peer.wait_for_subscribers(driving.goals)
     goal, before = (2.0, 1.0, 0.5), goal_of(driving)
 
     def taken():
-        # The controller may not know the frame yet: static transforms come when their publisher is discovered.
+        # The controller does not know the frame before it has discovered the publisher of static transforms.
         driving.goals.publish(pose_stamped(*goal, frame=frame))
         return driving.peer.comes_true(lambda: goal_of(driving) not in (before, ()), 2.0)
 
@@ -164,7 +164,7 @@ def in_map(transform, pose):
 
 
 def upside_down(time, rate):
-    """Return what a gyro upside down measures while the robot turns by ``rate`` [rad/s]."""
+    """Return the measurement of a gyro that is mounted upside down, at a turn rate of the robot [rad/s]."""
     message = timed(Imu(), time)
     message.header.frame_id = "imu_link"
     message.angular_velocity.z = -rate
@@ -173,7 +173,7 @@ def upside_down(time, rate):
 
 
 @pytest.mark.parametrize("is_known", [True, False])
-def test_a_gyro_upside_down_agrees_with_the_wheels_through_its_transform_alone(is_known):
+def test_a_gyro_upside_down_agrees_with_the_wheels_only_with_its_transform(is_known):
     frame = "imu_link" if is_known else "elsewhere"
     words = ("--roll", math.pi, "--frame-id", "base_link", "--child-frame-id", frame)
     with one_process.nodes() as nodes, program("tf2_ros", "static_transform_publisher", *words) as publisher:

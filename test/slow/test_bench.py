@@ -1,4 +1,4 @@
-"""Each benchmark runs in its short form and prints finite figures; no speed is asserted."""
+"""Each benchmark runs in its short form and prints finite figures; speeds are not tested."""
 
 import math
 import re

@@ -1,4 +1,4 @@
-"""Goals for ten minutes, with a fault during every other one: each is reached, and no process grows."""
+"""Goals for ten minutes, with a fault during every other goal: each is reached, and no process grows."""
 
 import math
 import os
@@ -21,19 +21,19 @@ from diffbot_core.geometry import Pose
 
 MINUTES = 10.0
 WARM_UP, SAMPLE_PERIOD, MIN_SAMPLES = 60.0, 2.0, 20
-"""[s] of a process that are not counted, [s] between two samples, and samples that show a trend"""
+"""[s] of a process before its first sample, [s] between samples, and number of samples that show a trend"""
 MAX_SLOPE = 0.3
 """[MB/min] of a process's memory"""
 GOAL_TIMEOUT, RADIUS = 120.0, 2.0
-"""[s]; [m] about the start in which the goals are"""
+"""[s]; [m] largest coordinate of a goal"""
 NODES = ("ekf", "controller", "plant")
 KILLS = tuple(("kill", name) for name in NODES)
-"""Only in the first third of the time, so that processes live long enough to be sampled."""
+"""Only in the first third of the time, so that the new processes are sampled long enough."""
 FAULTS = (*(("hold up", name) for name in NODES), ("send", "bad messages"), ("replace", "goal"), ("cancel", "goal"))
 
 
 class Sampler(threading.Thread):
-    """Notes memory [MB], threads and open descriptors of each process after its warm-up."""
+    """Samples memory [MB], threads and open descriptors of each process after its warm-up."""
 
     def __init__(self, processes):
         super().__init__(daemon=True)
@@ -49,12 +49,12 @@ class Sampler(threading.Thread):
                         status = Path(f"/proc/{pid}/status").read_text()
                         memory, threads = (int(status.partition(key)[2].split()[0]) for key in ("VmRSS:", "Threads:"))
                         found = now / 60.0, memory / 1024.0, threads, len(os.listdir(f"/proc/{pid}/fd"))
-                    except (OSError, IndexError):  # it has just been killed
+                    except (OSError, IndexError):  # the process has just been killed
                         continue
                     self.samples.setdefault((name, pid), []).append(found)
 
     def check(self):
-        """Stop, and fail if a process has grown."""
+        """Stop the thread; fail if a process has grown."""
         self._ended.set()
         self.join()
         long = {key: found for key, found in self.samples.items() if len(found) >= MIN_SAMPLES}
@@ -69,7 +69,7 @@ class Sampler(threading.Thread):
 
 
 def send_bad_messages(client, count=500):
-    """Send fixes and odometry that have to be dropped."""
+    """Send fixes and odometry that are not finite."""
     fixes = client.create_publisher(PoseWithCovarianceStamped, "global_pose", 10)
     odometry = client.create_publisher(Odometry, "odom", 10)
     fix, step = PoseWithCovarianceStamped(), Odometry()
@@ -84,7 +84,7 @@ def send_bad_messages(client, count=500):
 
 
 def strike(running, client, fault, rng):
-    """Let a fault happen to the robot."""
+    """Cause a fault."""
     kind, name = fault
     if kind == "kill":
         running.processes[name].send(signal.SIGKILL)
@@ -103,7 +103,7 @@ def strike(running, client, fault, rng):
 
 
 def drive(running, client, fault, rng):
-    """Drive to a random goal; return how that ended."""
+    """Drive to a random goal, with or without a fault; return the end of the goal."""
 
     def goal():
         return [Pose(*(rng.uniform(-RADIUS, RADIUS) for _ in range(2)), rng.uniform(-3.0, 3.0))]
@@ -118,7 +118,7 @@ def drive(running, client, fault, rng):
             client.send_goal(place, timeout=GOAL_TIMEOUT)
     client.wait_for_end(GOAL_TIMEOUT)
     if client.task.end == LOST:
-        # A controller that was started again has no goal: a client sends it once more.
+        # A restarted controller does not have a goal: send it again.
         client.send_goal(place, timeout=GOAL_TIMEOUT)
         client.wait_for_end(GOAL_TIMEOUT)
     return client.task.end

@@ -1,4 +1,4 @@
-"""Every command that reads a bag, with arguments for it, run in this process."""
+"""Runs every command that reads a bag, with suitable arguments, in this process."""
 
 import argparse
 import contextlib
@@ -28,11 +28,11 @@ ARGUMENTS = {
 }
 """Arguments of each command; ``out`` does not exist."""
 GRAPH = ("replay",)
-"""commands that start a node"""
+"""Commands that start a node."""
 
 
 def bag_commands():
-    """Return the names of the commands with a bag among their arguments, as the command line itself lists them."""
+    """Return the names of all commands of the command line that have a bag among their arguments."""
     return {name for name, parser in leaves(cli._parser()) if {one.dest for one in parser._actions} & {"bag", "bags"}}
 
 
@@ -48,19 +48,19 @@ def leaves(parser, words=()):
 
 @functools.cache
 def _parser():
-    """Return the parser, which takes longer to make than most commands on a small bag."""
+    """Return the parser; creating it takes longer than most commands on a small bag."""
     return cli._parser()
 
 
 def words_of(name, bag, given, out):
-    """Return the words of a command for a bag, with the files of :func:`given_files` and a path for its output."""
+    """Return the words of a command: ``given`` is the folder of :func:`given_files`, ``out`` a path for its output."""
     return [*name.split(), *(word.format(bag=bag, given=given, out=out) for word in ARGUMENTS[name])]
 
 
 def run(arguments):
     """Run the command line in this process; return its status, its output and its errors."""
     out, err = io.StringIO(), io.StringIO()
-    _parser()  # made now, and not where it is replaced
+    _parser()  # cached before cli._parser is replaced
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
         try:
             with mock.patch.object(cli, "_parser", _parser):
@@ -74,7 +74,7 @@ def run(arguments):
 
 
 def good_rows(seconds=1.0):
-    """Topic, log time, sequence, (type, message) of a robot on a circle: all that the commands read."""
+    """Return topic, log time, sequence and (type, message) of a robot on a circle, with all topics of the commands."""
     rows = []
     for number in range(int(seconds * 20)):
         time = BEGIN + number * 50_000_000
@@ -98,7 +98,7 @@ def good_rows(seconds=1.0):
 
 
 def given_files(folder):
-    """Write what the commands are given besides a bag."""
+    """Write the other input files of the commands."""
     folder.mkdir()
     (folder / "contract.yaml").write_text(CONTRACT)
     (folder / "ekf.yaml").write_text(PARAMETERS)

@@ -1,6 +1,6 @@
-"""Bags as other makers write and read them, in rosbag2's layout: by the mcap library in many chunks, by rosbags.
+"""Write and read bags with the mcap library, in many chunks, and with rosbags.
 
-A row is (topic, log time [ns], data (CDR)), and for the mcap library maybe publish time and sequence number after them.
+A row is (topic, log time [ns], data (CDR)), for the mcap library optionally with publish time and sequence number.
 """
 
 import struct
@@ -45,12 +45,12 @@ QOS = """\
 
 
 def qos(reliability=1, durability=2, publishers=1):
-    """Text of rosbag2 up to version 8, with numbers for policies; 1, 2: reliable, volatile."""
+    """Return the text of rosbag2 up to version 8, with numbers for policies; 1, 2: reliable, volatile."""
     return QOS.format(reliability=reliability, durability=durability) * publishers
 
 
 def definition(kind):
-    """Text of a message type by rosbags."""
+    """Return the definition of a message type by rosbags."""
     return STORE.generate_msgdef(kind, ros_version=2)[0].encode()
 
 
@@ -70,10 +70,10 @@ def string(text):
 
 @contextmanager
 def mcap_writing(stream, kinds, offers=None, definitions=None, chunk_size=1000, compression="zstd", **options):
-    """Give the mcap library's writer of a file, and the channel of each topic.
+    """Yield the mcap library's writer of a file, and the channel of each topic.
 
-    ``kinds`` are the types by topic. ``offers`` are QoS profiles or their text by topic; without them the channels have
-    no metadata. ``definitions`` are the texts by type, by default those of rosbags; ``options`` are of the library.
+    ``kinds`` are the types by topic. ``offers`` are QoS profiles or their text by topic; without offers the channels do
+    not have metadata. ``definitions`` are the texts by type, by default from rosbags; ``options`` are of the library.
     """
     writer = Writer(stream, chunk_size=chunk_size, compression=COMPRESSIONS[compression], **options)
     writer.start("ros2", "somebody's recorder")
@@ -90,7 +90,7 @@ def mcap_writing(stream, kinds, offers=None, definitions=None, chunk_size=1000, 
 
 
 def write_mcap(path, rows, kinds=POINT, offers=None, **options):
-    """Write a file with the mcap library, see mcap_writing; ``kinds`` may be one type of all topics of the rows."""
+    """Write a file with the mcap library, see mcap_writing; ``kinds`` may be one type for all topics."""
     if isinstance(kinds, str):
         rows = list(rows)
         kinds = dict.fromkeys((row[0] for row in rows), kinds)
@@ -101,7 +101,7 @@ def write_mcap(path, rows, kinds=POINT, offers=None, **options):
 
 
 def write_folder(folder, rows, compression="zstd", files=1, custom_data=None, offers=None):
-    """Write a folder of rosbag2 8 with the mcap library, the messages cut into this many files.
+    """Write a folder of rosbag2 8 with the mcap library and divide the messages into ``files`` files.
 
     The rows are topic, log time, sequence number and (type, message).
     """
@@ -150,7 +150,7 @@ def write_rosbags(folder, rows, kinds=POINT, offers=None):
 
 
 def read(path, raw=False):
-    """Return (log time, message) of each topic of a bag, as rosbags reads them; ``raw``: their bytes (CDR)."""
+    """Return (log time, message) by topic, read by rosbags; ``raw``: bytes (CDR) instead of messages."""
     found = {}
     with AnyReader([path], default_typestore=STORE) as reader:
         for connection, time, data in reader.messages():
@@ -160,7 +160,7 @@ def read(path, raw=False):
 
 
 class Fact(NamedTuple):
-    """All that a bag says about a message."""
+    """A message of a bag with all its fields in the file."""
 
     topic: str
     log_time: int
@@ -176,7 +176,7 @@ def files_of(path):
 
 
 def facts(path):
-    """All messages by mcap's own reader: of each file in the order of log time, every checksum verified."""
+    """Return all messages by mcap's own reader, which verifies checksums; in the order of log time for each file."""
     found = []
     for file in files_of(path):
         with file.open("rb") as stream:
@@ -187,7 +187,7 @@ def facts(path):
 
 
 def chunks_of(path):
-    """The index entries of the chunks of a file, in its order."""
+    """Return the index entries of the chunks of a file, in the order of the file."""
     with path.open("rb") as stream:
         return sorted(make_reader(stream).get_summary().chunk_indexes, key=lambda one: one.chunk_start_offset)
 
@@ -198,9 +198,9 @@ def read_info(path, **options):
 
 
 def unfinished(path):
-    """Return the whole messages in a file that may have no end yet, or not be there."""
+    """Return the complete messages in a file that may be unfinished or missing."""
     found = []
-    # The library raises either error, by where the end of what is written comes: within a number, or before it.
+    # The error depends on the end of the file: within a number (struct.error) or before.
     with suppress(EndOfFile, struct.error, FileNotFoundError), path.open("rb") as stream:
         for record in StreamReader(stream).records:
             if isinstance(record, Message):

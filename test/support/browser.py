@@ -17,7 +17,7 @@ new MutationObserver((changes) => {
   for (const { addedNodes } of changes) messages.push(...[...addedNodes].map((node) => node.textContent));
 }).observe(document.getElementById("alarm"), { childList: true });
 """
-"""Keeps the messages of the page, which shows each one for some seconds only."""
+"""Keeps the messages of the page, which shows each message only for some seconds."""
 
 
 class Page:
@@ -44,7 +44,7 @@ class Page:
         return self.tab.evaluate(expression)
 
     def wait(self, expression, what):
-        """Wait until an expression is true and return its value; the policy of the page forbids wait_for_function."""
+        """Wait until an expression is true and return its value. The page's policy forbids wait_for_function."""
         return self.wait_for(lambda: self.get(expression), what)
 
     def wait_for(self, condition, what):
@@ -57,7 +57,7 @@ class Page:
         return graph.wait_for(value, what=what)
 
     def wait_for_message(self, text):
-        """Wait until the page has shown a message with this text, and forget all messages up to this one."""
+        """Wait until the page has shown a message with this text, and delete it and all earlier messages."""
         found = f"messages.findIndex((one) => one.includes({text!r}))"
         self.wait(f"{found} >= 0", f"the message {text!r}")
         self.get(f"void messages.splice(0, {found} + 1)")

@@ -1,4 +1,4 @@
-"""A small set in the format of MR.CLAM, of a robot that drives a circle, and its bag by examples/import_mrclam.py."""
+"""A small dataset in the format of MR.CLAM, of a robot on a circle, and its import by examples/import_mrclam.py."""
 
 import math
 import runpy
@@ -13,21 +13,21 @@ RADIUS, OMEGA, T0 = 1.5, 0.2, 1_248_446_190.0
 
 
 def truth_at(time):
-    """Pose on a circle around the origin, counter-clockwise."""
+    """Return the pose on a counter-clockwise circle around the origin."""
     angle = OMEGA * time
     heading = math.remainder(angle + 0.5 * math.pi, 2.0 * math.pi)
     return RADIUS * math.cos(angle), RADIUS * math.sin(angle), heading
 
 
 def measured(time, subject):
-    """Range and bearing without errors."""
+    """Return range and bearing of a landmark without errors."""
     x, y, theta = truth_at(time)
     dx, dy = LANDMARKS[subject][0] - x, LANDMARKS[subject][1] - y
     return math.hypot(dx, dy), math.remainder(math.atan2(dy, dx) - theta, 2.0 * math.pi)
 
 
 def write_mrclam(folder, robot=1, duration=20.0):
-    """Write a set in which each camera, ahead, covers 1.2 rad to either side; returns the folder."""
+    """Write a dataset of a camera that covers 1.2 rad to either side of the heading; return the folder."""
     folder.mkdir(exist_ok=True)
     steps = round(duration / 0.05)
     odometry = [f"{T0 + 0.05 * i:.3f} \t {RADIUS * OMEGA:.3f} \t {OMEGA:.3f}" for i in range(steps)]

@@ -1,4 +1,4 @@
-"""A robot that docks over DDS from random poses, and the detector of its dock, which the test disturbs.
+"""A robot that docks over DDS from random poses. A detector in between disturbs what the plant measures of the dock.
 
 Plant, robot_node and docking_node are processes, in simulated time that runs faster than real time.
 """
@@ -16,6 +16,7 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.task import Future
+from std_msgs.msg import Bool
 
 from diffbot_control.ros.messages.fields import fill_pose, pose_of, set_stamp, stamp_ns
 from diffbot_control.ros.navigator import Navigator, TaskResult
@@ -59,21 +60,24 @@ class Docking(NamedTuple):
 
 
 class Detector:
-    """Passes the plant's detections on to the filter, changed by a fault."""
+    """Passes the plant's detections and contacts on to the docking node, changed by a fault, in a thread of its own."""
 
     def __init__(self):
-        """Subscribe to the plant, in a thread of its own."""
         self.fault, self.is_near = NONE, False
         self.truth = None
         """of the robot in the dock's frame"""
         self.contact = None
+        self.touches = None
+        """state of the contact switch; None: as the plant reports it"""
         self._truths, self._came = 0, threading.Condition()
         self._waiting = deque()
         self._frozen = None
         node = rclpy.create_node("detector")
         self._sent = node.create_publisher(PoseWithCovarianceStamped, "detected_dock_pose", 10)
         self._jumps = node.create_publisher(PoseWithCovarianceStamped, "initialpose", 10)
-        node.create_subscription(PoseWithCovarianceStamped, "seen_by_plant", self._on_detection, 10)
+        self._switch = node.create_publisher(Bool, "dock_contact", 10)
+        node.create_subscription(PoseWithCovarianceStamped, "detected_by_plant", self._on_detection, 10)
+        node.create_subscription(Bool, "contact_of_plant", self._on_contact, 10)
         node.create_subscription(Odometry, "ground_truth", self._on_truth, 10)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(node)
@@ -84,21 +88,22 @@ class Detector:
         self._thread.start()
 
     def close(self):
-        """Stop."""
         self._closed.set_result(None)
         self._thread.join()
         self._executor.shutdown()  # last: it does not wait for a running callback
 
     def begin(self, fault):
-        """Begin a run."""
         self.fault, self.is_near, self.contact, self._frozen = fault, False, None, None
 
     def catch_up(self):
-        """Wait for a true pose of after now: an answer may overtake the pose that it is about."""
+        """Wait for a true pose that is newer than this call: an answer may arrive before its pose."""
         with self._came:
             last = self._truths + _QUEUED
             if not self._came.wait_for(lambda: self._truths > last, 30.0):
                 raise RuntimeError("no true pose within 30 s")
+
+    def _on_contact(self, message):
+        self._switch.publish(message if self.touches is None else Bool(data=self.touches))
 
     def _on_truth(self, message):
         pose = into_frame(pose_of(message.pose.pose), DOCK)
@@ -125,8 +130,8 @@ class Detector:
             self._waiting.append(message)
             return
         if self.fault == FROZEN:
-            # The last one from farther away: if this process is held up, the robot may already stand at its staging
-            # pose when the next one arrives, and a frozen detection would then be true.
+            # Keep a detection from farther away. If this process is held up, the robot may already stand at its
+            # staging pose when the next detection arrives, and the frozen detection would then be true.
             place = message.pose.pose.position
             self.is_near = self.is_near or math.hypot(place.x, place.y) < NEAR
             if not self.is_near or self._frozen is None:
@@ -141,13 +146,13 @@ class Detector:
 class Scene:
     """The nodes, on the DDS domain of this process."""
 
-    def __init__(self, seed, contact_topic="dock_contact"):
-        """Start them; to be used in a ``with`` block. The plant's contact switch is sent on ``contact_topic``."""
+    def __init__(self, seed):
+        """Prepare the nodes, which run while the ``with`` block lasts."""
         self._random = random.Random(seed)
         simulated = {"use_sim_time": True}
         plant = {"clock": "scaled", "real_time_factor": SPEED, "seed": seed, "detection_rate": 10.0}
         plant |= {"dock_x": DOCK.x, "dock_y": DOCK.y, "dock_yaw": DOCK.theta, "max_cmd_vel_publishers": 2}
-        remapped = ("-r", "detected_dock_pose:=seen_by_plant", "-r", f"dock_contact:={contact_topic}")
+        remapped = ("-r", "detected_dock_pose:=detected_by_plant", "-r", "dock_contact:=contact_of_plant")
         self._processes = {
             "plant": graph.node("diffbot_sim.plant_node", plant, remapped),
             "robot": graph.node("diffbot_control.robot_node", simulated | {"max_cmd_vel_publishers": 2}),
@@ -157,7 +162,7 @@ class Scene:
         self.processes = {}
 
     def __enter__(self):
-        """Wait until the controllers take goals."""
+        """Start the nodes and wait until the controllers accept goals."""
         for name, one in self._processes.items():
             self.processes[name] = one.__enter__()
         # A node that is held up on a busy machine answers later.

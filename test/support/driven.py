@@ -1,4 +1,4 @@
-"""A robot for the tests of the law: a unicycle with dead time and lag, independent of the simulator."""
+"""A robot for the tests of the law: a unicycle with dead time and lag, independent of the simulation."""
 
 import math
 

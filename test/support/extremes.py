@@ -1,4 +1,4 @@
-"""Extreme configurations: each parameter at both bounds and between, alone and in pairs; and what came out of them."""
+"""Extreme configurations: each parameter at both bounds and between them, alone, in pairs and in groups."""
 
 import math
 from typing import get_origin
@@ -9,11 +9,11 @@ from diffbot_core.errors import DiffbotError
 from diffbot_core.schema import build, parameters_of, to_dict
 
 SMALLEST = 1e-12
-"""Random values near a bound that is 0 come down to this share of the range."""
+"""Smallest random value above a bound of 0, as a share of the range."""
 
 
 def extreme_values(parameter, present, rng):
-    """Both bounds, no limit where that is allowed, and a random value between; of a list, for all of ``present``."""
+    """Return both bounds, inf if it is allowed, and a random value between; a list gets one value for all its items."""
     kind, spec = parameter.type, parameter.spec
     if get_origin(kind) is tuple and present and isinstance(present[0], float):
         one = parameter._replace(type=float)
@@ -30,7 +30,7 @@ def extreme_values(parameter, present, rng):
 
 
 def log_between(low, high, rng):
-    """A number with a random logarithm; of either sign where both are in the range."""
+    """Return a number with a random logarithm, and with a random sign if the range has both signs."""
     if low < 0.0 and (high <= 0.0 or rng.random() < 0.5):
         return -log_between(max(-high, 0.0), -low, rng)
     span = high - max(low, 0.0)
@@ -39,9 +39,9 @@ def log_between(low, high, rng):
 
 
 def extreme_configs(config_type, seed, pairs, base=None, without=()):
-    """Yield (values, configuration): every parameter alone at each extreme, then random pairs, then many at once.
+    """Yield (values, configuration): every parameter alone at each extreme, then random pairs, then groups of six.
 
-    Combinations that the configuration refuses in one line are left out.
+    Combinations that the configuration refuses with a DiffbotError are omitted.
     """
     rng = np.random.default_rng(seed)
     base = config_type() if base is None else base

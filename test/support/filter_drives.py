@@ -35,7 +35,7 @@ SEEN = np.array((0.06, 0.03))
 
 
 def markov(rng, c, shape):
-    """Yield errors of variance 1, each c times the last one plus something new."""
+    """Yield errors of a first-order Markov process with variance 1 and correlation c of neighbours."""
     errors = rng.normal(size=shape)
     while True:
         yield errors
@@ -43,7 +43,7 @@ def markov(rng, c, shape):
 
 
 class Run:
-    """40 s of odometry at 10 Hz and measurements of one source at 5 Hz: the filter, and what was noted after 13 s."""
+    """40 s of odometry at 10 Hz and measurements of one source at 5 Hz: the filter, and its errors after 13 s."""
 
     def __init__(self, kind, c, seed, scales=(1.0, 1.0), odometry_noise=0.06, **values):
         rng = np.random.default_rng([seed, 7])
@@ -52,7 +52,7 @@ class Run:
         self.found, self.nees, self.squares = started(self.options, landmarks=len(places)), [], []
         self.row, roots = self.found.noise[2 if places else 0], np.sqrt(scales)
         errors = markov(rng, c, (len(CORNERS), 2) if places else 3)
-        # A filter starts at its first fix, which has an error as well.
+        # The filter starts at its first fix, which also has an error.
         robot.truth = np.sqrt(R_FIX.diagonal()) * rng.normal(size=3) * roots[[0, 0, 1]]
         for step in range(400):
             arc = (0.5, 0.3) if places else (0.5 + 0.2 * math.sin(0.05 * step), 0.4 * math.sin(0.03 * step + 0.01))
@@ -74,7 +74,7 @@ class Run:
             ekf.take(self.found, self.options, reading(LANDMARK, z, np.diag(SEEN**2), time, point, 3 + place))
 
     def correlation(self):
-        """Return the correlation of neighbouring errors that the filter found."""
+        """Return the correlation of neighbouring errors by the filter."""
         return noise.assumed_correlation(self.row, 0.0)
 
     def scales(self):
@@ -88,7 +88,7 @@ SHARE = 0.05 / math.sqrt(3.0)
 
 
 class Straight:
-    """A robot that drives straight on with 0.6 m/s at 50 Hz; the wheels' noise grows with speed."""
+    """A robot that drives straight at 0.6 m/s with 50 Hz; the noise of the wheels is proportional to their speed."""
 
     def __init__(self, seed):
         rng = np.random.default_rng(seed)
@@ -99,7 +99,7 @@ class Straight:
         self.noise = ((rng.normal(0.0, SHARE, 2), rng.normal(0.0, SIGMA)) for _ in count())
 
     def drive(self, steps, speed=0.6):
-        """Return the deviations of the difference of the radius errors after the steps."""
+        """Return the deviation of the difference of the radius errors after each step."""
         found = []
         for _, (rim_noise, rate_noise) in zip(range(steps), self.noise, strict=False):
             rims, real = speed * (1.0 + rim_noise), speed * (1.0 - self.lost)
@@ -121,7 +121,7 @@ TRUE = {"left": -0.02, "right": 0.015, "bias": 0.03, "range": 0.04}
 
 
 def all_sensors(seed, seconds):
-    """Drive with late and wrong measurements of all sensors; yield the filter and the true pose with each odometry."""
+    """Drive with late and wrong measurements of all sensors; yield filter, estimate and robot at each odometry."""
     rng = np.random.default_rng([seed, 11])
     robot = Robot(rng, (TRUE["left"], TRUE["right"]), noise=0.02)
     config = LocalizationConfig(
@@ -168,7 +168,7 @@ FAULTS = {
 
 
 def with_fault(seconds, fault, outliers=0.0, rest_after=math.inf, every=2):
-    """Drive a winding path at 0.5 m/s with 20 Hz and a fix with ``every`` so many; yield time and filter."""
+    """Drive a winding path at 0.5 m/s with 20 Hz and a fix every ``every`` steps; yield time and filter."""
     rng, made, pose = np.random.default_rng(3), Localization(LocalizationConfig()), np.array([0.0, 0.0, 0.3])
     for n in range(round(20 * seconds)):
         time, stamp = n / 20, n * 50_000_000

@@ -35,7 +35,7 @@ def heading(time=START, theta=0.6):
 
 
 def odometry(time, v=0.4, omega=0.1, pose=None):
-    """Return an odometry; by default its pose is that of a robot which has driven with this twist since START."""
+    """Return an odometry message; by default with the pose of a robot that has driven with this twist since START."""
     message = timed(Odometry(), time)
     message.header.frame_id, message.child_frame_id = "odom", "base_link"
     theta = omega * (time - START)

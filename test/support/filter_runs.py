@@ -1,4 +1,4 @@
-"""An independent model of robot and sensors for the tests of the filter, and a Kalman filter in its short form."""
+"""An independent model of robot and sensors for the tests of the filter, and a textbook Kalman update."""
 
 import math
 
@@ -23,7 +23,7 @@ from diffbot_core.kinematics import Twist, TwistCovariance
 SEPARATION = 0.6
 R_FIX = np.diag([0.03, 0.03, 0.01])
 ROWS = {POSE_FIX: [0, 1, 2], POSITION_FIX: [0, 1], HEADING: [2], LANDMARK: [0, 1], RANGE: [0], BEARING: [1]}
-"""Rows that each kind measures: of the pose, or of range and bearing."""
+"""Measured rows of the pose, or of range and bearing, by kind of measurement."""
 
 
 def wrapped(angle):
@@ -49,7 +49,7 @@ def build_motion(v, omega, dt, var_v, cov_v_omega, var_omega, *, rate=NO_RATE, l
 
 
 def options(landmarks=(), **values):
-    """Return the numbers of a configuration of the filter."""
+    """Return the options of a filter with these values of its configuration."""
     return options_of(LocalizationConfig(filter=FilterConfig(**values)), SEPARATION, landmarks)
 
 
@@ -61,7 +61,7 @@ def started(numbers, pose=(0.0, 0.0, 0.0), P=R_FIX, landmarks=0):
 
 
 def reading(kind, z, R, time=0.0, at=(0.0, 0.0), place=None):
-    """Return a measurement of the source that its kind has; landmarks are the third source."""
+    """Return a measurement with the source of its kind; landmarks are the third source."""
     source = {POSE_FIX: 0, POSITION_FIX: 0, HEADING: 1}.get(kind, 2)
     return Reading(kind, source, source if place is None else place, time, np.array(z, float), R, Point(*at))
 
@@ -71,7 +71,7 @@ def fix(x, y=0.0, theta=0.0, R=R_FIX, time=0.0):
 
 
 def body_twist(x, motion):
-    """Twist of the body and its covariance: rims of wrong wheels, then conditioned on the turn rate of a gyro."""
+    """Return the twist and its covariance, with the wheel errors of the state and corrected by the gyro's turn rate."""
     left, right, separation = [*x[3:6], 0.0, 0.0, 0.0][:3]
     v, omega = motion.twist
     rims = (v - 0.5 * omega * SEPARATION) * (1.0 + left), (v + 0.5 * omega * SEPARATION) * (1.0 + right)
@@ -97,7 +97,7 @@ def moved(x, motion):
 
 
 def process_noise(x, motion):
-    """Return the covariance (n, n) that a motion adds, by differences; walks of errors are not in it."""
+    """Return the covariance (n, n) that a motion adds, by differences, without the random walks of the errors."""
     twist, M = body_twist(x, motion)
     G = jacobian(lambda u: midpoint(x[:3], u, motion.dt), twist)
     middle = x[2] + 0.5 * twist[1] * motion.dt
@@ -108,7 +108,7 @@ def process_noise(x, motion):
 
 
 def measured(kind, x, point=(0.0, 0.0)):
-    """Return the numbers of a measurement without an error; angles are not wrapped but near the last state's."""
+    """Return the values of a measurement without errors; angles are not wrapped."""
     if kind in (POSE_FIX, POSITION_FIX, HEADING):
         return np.array(x)[ROWS[kind]]
     offset, scale, turned = x[7:10]
@@ -117,7 +117,7 @@ def measured(kind, x, point=(0.0, 0.0)):
 
 
 def textbook(x, P, y, H, R):
-    """Return Kalman's update in its short form: mean and covariance after an innovation ``y``, and its NIS."""
+    """Return mean and covariance after an innovation ``y``, by the textbook Kalman update, and the NIS."""
     S = H @ P @ H.T + R
     K = P @ H.T @ np.linalg.inv(S)
     return x + K @ y, P - K @ S @ K.T, y @ np.linalg.solve(S, y)
@@ -132,19 +132,19 @@ def assert_state(found, x, P, tolerance=1e-9):
 
 
 class Robot:
-    """Drives along arcs with wheels whose radii differ from those that the odometry assumes; its noise is gaussian."""
+    """Drives along arcs with wheels whose radii differ from the radii of the odometry; the noise is gaussian."""
 
     def __init__(self, rng, errors=(0.0, 0.0), noise=0.03, dt=0.1):
         self.rng, self.errors, self.noise, self.dt = rng, errors, noise, dt
         self.truth = np.zeros(3)
 
     def move(self, v, omega):
-        """Drive with nominal rim speeds of this twist; return the motion that the odometry reports."""
+        """Drive with the nominal rim speeds of this twist; return the motion by the odometry."""
         left, right = v - 0.5 * SEPARATION * omega, v + 0.5 * SEPARATION * omega
         self._along_the_arc(left * (1.0 + self.errors[0]), right * (1.0 + self.errors[1]))
         sigmas = self.noise * abs(left) + 1e-3, self.noise * abs(right) + 1e-3
         left, right = (np.array((left, right)) + sigmas * self.rng.normal(size=2)).tolist()
-        # v = (l + r) / 2, omega = (r - l) / L: their covariance from that of the independent wheels.
+        # v = (l + r) / 2, omega = (r - l) / L: their covariance from the variances of the independent wheels.
         a, b = sigmas[0] ** 2, sigmas[1] ** 2
         variances = 0.25 * (a + b), 0.5 * (b - a) / SEPARATION, (a + b) / SEPARATION**2
         return build_motion(0.5 * (left + right), (right - left) / SEPARATION, self.dt, *variances)
@@ -164,5 +164,5 @@ class Robot:
 
 
 def winding(step):
-    """Return a twist that never goes straight for long."""
+    """Return the twist (v, omega) of a winding path at a step."""
     return 0.8 + 0.4 * math.sin(0.05 * step), 0.6 * math.sin(0.11 * step + 0.1)

@@ -1,7 +1,7 @@
-"""Goals as fast as asked for, with pauses, as a process: ``python goal_flood.py RATE SECONDS TIMES X``.
+"""A process that sends goals at a rate, with pauses: ``python goal_flood.py RATE SECONDS TIMES X``.
 
-Floods for SECONDS and pauses as long, TIMES times. Prints a line for each: ``flood BEGIN END SENT`` and
-``pause BEGIN END``, in ns since 1970.
+TIMES times, it sends goals for SECONDS and pauses for SECONDS. It prints ``flood BEGIN END SENT`` for each flood and
+``pause BEGIN END`` for each pause, in ns since 1970.
 """
 
 import sys
@@ -13,7 +13,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 SETTLING = 0.5
-"""[s] after a flood that belong to neither"""
+"""[s] between a flood and its pause"""
 
 
 def main():

@@ -1,12 +1,11 @@
 """Helpers for tests over DDS: a free domain, nodes as processes, a node of the test itself, waiting with a deadline.
 
-Nothing here sleeps for luck: every wait is for a condition, and fails with its name when the deadline is over.
-Deadlines are there to end a test that hangs, and are long, so that a busy machine does not fail it; a time that users
-are promised is measured instead (trials.py). Only processes that a test started are ever ended.
+Every wait is for a condition, and fails with the name of the condition after its deadline. Deadlines end a test that
+hangs. They are long, so that a test does not fail on a busy machine; times that users are promised are measured
+(repeated.py). Only processes that a test started are ended.
 """
 
 import contextlib
-import fcntl
 import json
 import os
 import signal
@@ -17,7 +16,7 @@ import time
 from pathlib import Path
 
 import diffbot_control
-from diffbot_core.files import runtime_folder
+from diffbot_tools.processes import PrivateDomain
 
 MODULES = {
     "plant": "diffbot_sim.plant_node",
@@ -25,82 +24,42 @@ MODULES = {
     "controller": "diffbot_control.controller_node",
     "robot": "diffbot_control.robot_node",
 }
-DOMAINS = range(20, 100)
 PATIENCE = 120.0
-"""[s] that every wait has at least: a node may take a minute to start where a dozen processes want two cores"""
+"""[s] Minimum deadline of every wait: a node may take a minute to start beside a dozen processes on two cores."""
 ANSWER = 10.0
-"""[s] after which a service is asked again"""
+"""[s] until a service is called again"""
 _QUIET = 0.03
 """[s] without a change in the graph"""
 SOURCE = Path(diffbot_control.__file__).resolve().parent.parent
 
 
-def free_domain():
-    """Return a ROS domain that no one on this machine uses, and keep it until this process ends."""
-    return _locked_domain()[0]
-
-
 @contextlib.contextmanager
 def private_domain():
-    """Have this process, and those that it starts, in a ROS domain of its own while the ``with`` block lasts."""
-    before = os.environ.get("ROS_DOMAIN_ID")
-    domain, lock = _locked_domain()
-    os.environ["ROS_DOMAIN_ID"] = str(domain)
+    """Give this process and its children a ROS domain of their own while the ``with`` block lasts."""
+    before, domain = os.environ.get("ROS_DOMAIN_ID"), PrivateDomain()
+    os.environ["ROS_DOMAIN_ID"] = str(domain.id)
     try:
-        yield domain
+        yield domain.id
     finally:
-        os.utime(lock)
-        os.close(lock)
+        domain.release()
         if before is None:
             del os.environ["ROS_DOMAIN_ID"]
         else:
             os.environ["ROS_DOMAIN_ID"] = before
 
 
-def _locked_domain():
-    """Return a domain and the open lock file that keeps it; of those that no one uses, the one left longest ago."""
-    ports = _udp_ports()
-    folder = runtime_folder()
-    # The same locks as in diffbot_tools.processes: a program under test takes no domain of another test.
-    names = {domain: folder / f"domain-{domain}.lock" for domain in DOMAINS}
-    left = {domain: path.stat().st_mtime if path.exists() else 0.0 for domain, path in names.items()}
-    for domain in sorted(DOMAINS, key=left.get):
-        # The ports of all participants of a domain, as DDS numbers them.
-        if ports.intersection(range(7400 + 250 * domain, 7650 + 250 * domain)):
-            continue
-        # Closed by whoever has it, or when its process ends.
-        lock = os.open(names[domain], os.O_RDWR | os.O_CREAT, 0o666)
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            os.close(lock)
-            continue
-        os.utime(lock)
-        return domain, lock
-    raise RuntimeError("no free ROS domain")
-
-
-def _udp_ports():
-    ports = set()
-    for table in ("/proc/net/udp", "/proc/net/udp6"):
-        with contextlib.suppress(OSError):
-            for line in Path(table).read_text().splitlines()[1:]:
-                ports.add(int(line.split()[1].rpartition(":")[2], 16))
-    return ports
-
-
 def environment(**changes):
-    """Return the environment for a process of the graph: the one under test comes first on its path.
+    """Return the environment for a process of the graph: the source under test comes first on PYTHONPATH.
 
-    A ROS installation has rclpy on PYTHONPATH, so that what is on it stays.
+    The other entries of PYTHONPATH remain: a ROS installation has rclpy there.
     """
     path = os.pathsep.join(filter(None, (str(SOURCE), os.environ.get("PYTHONPATH", ""))))
-    # Safe: without the working folder on its path, where the source tree may be.
+    # PYTHONSAFEPATH: without the working folder, which may be a source tree.
     return {**os.environ, "PYTHONPATH": path, "PYTHONSAFEPATH": "1", "PYTHONUNBUFFERED": "1", **changes}
 
 
 def wait_for(condition, timeout=PATIENCE, what="the condition"):
-    """Return the first true value of ``condition()``; fail after ``timeout`` [s], PATIENCE at least."""
+    """Return the first true value of ``condition()``; fail after ``timeout`` [s], but not before PATIENCE."""
     timeout = max(timeout, PATIENCE)
     if not (value := comes_true(condition, timeout)):
         raise AssertionError(f"waited {timeout:g} s in vain for {what}")
@@ -108,7 +67,7 @@ def wait_for(condition, timeout=PATIENCE, what="the condition"):
 
 
 def comes_true(condition, duration):
-    """Return the first true value of ``condition()``, or its last false one after ``duration`` [s]."""
+    """Return the first true value of ``condition()``, or its last false value after ``duration`` [s]."""
     deadline = time.monotonic() + duration
     while not (value := condition()) and time.monotonic() < deadline:
         time.sleep(0.005)
@@ -116,7 +75,7 @@ def comes_true(condition, duration):
 
 
 class Process:
-    """A process of the test; its output goes to a file, so that it never waits for a reader."""
+    """A process of the test. Its output is written to a file, so that the process does not wait for a reader."""
 
     def __init__(self, command, **options):
         """Start ``command``; ``options`` are those of subprocess.Popen."""
@@ -127,13 +86,13 @@ class Process:
 
     @property
     def output(self):
-        """What it has written to stdout and stderr."""
-        # Its position belongs to the child, too: os.pread leaves it alone.
+        """The output of the process to stdout and stderr until now."""
+        # The child shares the position in the file, and os.pread does not change it.
         size = os.fstat(self._output.fileno()).st_size
         return os.pread(self._output.fileno(), size, 0).decode(errors="replace")
 
     def wait_for_output(self, text, timeout=PATIENCE):
-        """Wait until ``text`` is in the output; fail if the process ends without it."""
+        """Wait until ``text`` is in the output; fail if the process ends before."""
 
         def found():
             ended = self.popen.poll() is not None
@@ -145,11 +104,11 @@ class Process:
         wait_for(found, timeout, repr(text))
 
     def send(self, number):
-        """Send a signal if it still runs."""
+        """Send a signal if the process still runs."""
         self.popen.send_signal(number)
 
     def wait(self, timeout=PATIENCE):
-        """Return the exit status; fail after ``timeout`` [s], PATIENCE at least."""
+        """Wait for the end and return the exit status; fail after ``timeout`` [s], but not before PATIENCE."""
         return self.popen.wait(max(timeout, PATIENCE))
 
     def stop(self, number=signal.SIGINT):
@@ -158,7 +117,7 @@ class Process:
         return self.wait()
 
     def end(self):
-        """End it whatever it does, and show its output in the report of a failed test."""
+        """End the process, by force if necessary; a failed test shows its output."""
         if self.popen.poll() is None:
             self.popen.send_signal(signal.SIGINT)
             try:
@@ -186,7 +145,7 @@ def diffbot(*arguments, **options):
 
 
 def node(module, parameters=None, arguments=(), **options):
-    """Run ``python -m module`` with ROS parameters and more ROS arguments while the ``with`` block lasts."""
+    """Run ``python -m module`` with parameters and other ROS arguments while the ``with`` block lasts."""
     return process(sys.executable, "-m", module, "--ros-args", *ros_arguments(parameters), *arguments, **options)
 
 
@@ -203,14 +162,14 @@ class Peer:
     """A node of the test itself, in a context of its own."""
 
     def __init__(self, name="peer", executor=None, **options):
-        """Create the node; ``options`` are those of rclpy's Node, ``executor`` makes its executor from a context."""
+        """Create the node. ``executor`` makes an executor from a context; ``options`` are of rclpy's Node."""
         import rclpy
         from rclpy.executors import SingleThreadedExecutor
         from rclpy.node import Node
 
         self.context = rclpy.Context()
         rclpy.init(context=self.context)
-        # Without parameters: a recorder of the graph would ask for them, and may be gone before the answer.
+        # Without parameter services: a recorder would call them, and may end before the response.
         self.node = Node(name, context=self.context, **{"start_parameter_services": False, **options})
         self.executor = executor(self.context) if executor else SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
@@ -218,14 +177,14 @@ class Peer:
         self._clients = {}
 
     def spin_until(self, condition, timeout=PATIENCE, what="the condition"):
-        """Handle callbacks until ``condition()`` is true and return its value; fail after that time."""
+        """Handle callbacks until ``condition()`` is true and return its value; fail after ``timeout`` [s]."""
         timeout = max(timeout, PATIENCE)
         if not (value := self.comes_true(condition, timeout)):
             raise AssertionError(f"waited {timeout:g} s in vain for {what}")
         return value
 
     def comes_true(self, condition, duration):
-        """Handle callbacks until ``condition()`` is true; return its last value, false after ``duration`` [s]."""
+        """Handle callbacks until ``condition()`` is true or ``duration`` [s] has passed; return its last value."""
         deadline = time.monotonic() + duration
         while not (value := condition()) and time.monotonic() < deadline:
             self.executor.spin_once(timeout_sec=0.02)
@@ -233,7 +192,7 @@ class Peer:
         return value
 
     def drain(self):
-        """Handle all messages that have come: faster than the executor, which a busy machine would leave behind."""
+        """Handle all received messages, faster than the executor, which would be late on a busy machine."""
         for subscription in self.node.subscriptions if self._drains else ():
             is_plain = subscription._callback_type is subscription.CallbackType.MessageOnly
             with subscription.handle:
@@ -241,14 +200,14 @@ class Peer:
                     subscription.callback(*(taken[:1] if is_plain else taken))
 
     def spin_for(self, duration):
-        """Handle callbacks for ``duration`` [s], to see that something does not come."""
+        """Handle callbacks for ``duration`` [s], to check that a message is not sent."""
         deadline = time.monotonic() + duration
         while (left := deadline - time.monotonic()) > 0.0:
             self.executor.spin_once(timeout_sec=left)
             self.drain()
 
     def spin_until_quiet(self, duration=0.2):
-        """Handle callbacks until none is due for ``duration`` [s]: what has come is handled then."""
+        """Handle callbacks until none is due for ``duration`` [s]."""
         waited = 0.0
         while waited < duration:
             begin = time.monotonic()
@@ -266,7 +225,7 @@ class Peer:
         return self.node.create_publisher(message_type, topic, qos)
 
     def wait_for_subscribers(self, *publishers, count=1):
-        """Wait until each publisher knows this many subscribers."""
+        """Wait until each publisher has discovered this many subscribers."""
         for publisher in publishers:
             wait_for(
                 lambda publisher=publisher: publisher.get_subscription_count() >= count,
@@ -274,19 +233,18 @@ class Peer:
             )
 
     def wait_for_publishers(self, *topics):
-        """Wait until the subscription of each topic knows a publisher: discovery may take seconds on a busy machine."""
+        """Wait until the subscription of each topic has discovered a publisher."""
         for topic in topics:
             name = self.node.resolve_topic_name(topic)
             subscription = next(each for each in self.node.subscriptions if each.topic_name == name)
             self.spin_until(subscription.get_publisher_count, what=f"a publisher of {name}")
 
     def call(self, service_type, name, request=None, timeout=PATIENCE):
-        """Call a service and return its response.
+        """Call a service, again after ANSWER without a response, and return the response.
 
-        DDS drops the response to a client whose reader the server has not discovered yet, and says so in the server
-        only. A client cannot tell; it asks again.
+        DDS drops the response to a client whose reader the server has not discovered yet. The client is not informed.
         """
-        # Kept between calls: once the server knows a client, it drops none of its responses.
+        # Keep the client for further calls: after its discovery, responses are not dropped any more.
         if name not in self._clients:
             self._clients[name] = self.node.create_client(service_type, name)
         client = self._clients[name]
@@ -304,7 +262,7 @@ class Peer:
         return next(future.result() for future in futures if future.done())
 
     def close(self):
-        """Leave the graph, while nothing changes in it: otherwise Fast DDS may hang, see core/ros/forced_exit.py."""
+        """Destroy the node when the graph does not change: otherwise Fast DDS may hang, see core/ros/forced_exit.py."""
         self.executor.shutdown()
         before, deadline = None, time.monotonic() + ANSWER
         while (now := self._graph()) != before and time.monotonic() < deadline:
@@ -320,7 +278,7 @@ class Peer:
 
 @contextlib.contextmanager
 def peer(name="peer", **options):
-    """Have a node of the test itself while the ``with`` block lasts."""
+    """Run a node of the test itself while the ``with`` block lasts."""
     running = Peer(name, **options)
     try:
         yield running

@@ -22,11 +22,11 @@ PARAMETER_NUMBERS = [NAN, INF, -INF, HUGE, -HUGE, 5e-324, 1e-160, -1.0, 0.0, 1e1
 PARAMETER_INTEGERS = [0, -1, 1, 2**63 - 1, -(2**63), 10**9]
 PARAMETER_TEXTS = ["", "nan", "../../etc/passwd", "x" * 100_000, "%s%n{}", "os:system"]
 NO_TYPE = 10
-"""A type that no ParameterValue has."""
+"""Not a type of ParameterValue."""
 
 
 def spoiled(rng, message):
-    """Return a copy with one to three numbers or texts changed, anywhere in the message."""
+    """Return a copy with one to three changed numbers or texts anywhere in the message."""
     message = copy.deepcopy(message)
     for _ in range(rng.randint(1, 3)):
         target = message
@@ -49,7 +49,7 @@ def spoiled(rng, message):
 
 
 def parameter(rng, names):
-    """Return a parameter with a hostile type or value, or with a name that no node has."""
+    """Return a parameter with a hostile type or value, or with an unknown name."""
     number, whole, text = rng.choice(PARAMETER_NUMBERS), rng.choice(PARAMETER_INTEGERS), rng.choice(PARAMETER_TEXTS)
     values = [
         ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=number),
@@ -65,7 +65,7 @@ def parameter(rng, names):
 
 
 def parameter_call(rng, names):
-    """Return service type, last part of the service's name, and a hostile request."""
+    """Return the type of a service, the last part of its name, and a hostile request."""
     some = [rng.choice([*names, "", "no.such.parameter", "x" * 10_000]) for _ in range(rng.randint(0, 3))]
     changes = [parameter(rng, names) for _ in range(rng.randint(1, 3))]
     return rng.choice(

@@ -1,11 +1,11 @@
-"""A robot in lock-step in the process of the test: its nodes need no imports of their own."""
+"""A robot in lock-step in the process of the test, without the imports of other processes."""
 
 import contextlib
 from functools import partial
 
 import one_process
 from geometry_msgs.msg import TwistStamped
-from lockstep_drive import take_what_is_under_way
+from lockstep_drive import receive_all
 from robot import DEEP, LOCKSTEP, TOPICS, Robot
 
 from diffbot_control.ekf_node import EkfNode
@@ -14,18 +14,18 @@ from diffbot_sim.plant_node import PlantNode
 
 
 class Inside(Robot):
-    """What the test receives from nodes that share its executor."""
+    """The messages of nodes that share the executor of the test."""
 
     def catch_up(self):
-        """The executor handles the messages in the order in which they come: none waits for the test alone."""
+        """Do nothing: the executor handles the messages of the test in order with all others."""
 
     def stop(self):
-        """Pause the plant and receive what is under way."""
+        """Pause the plant and receive all messages."""
         self.pause(True)
-        take_what_is_under_way(self)
+        receive_all(self)
 
     def run(self, condition, what):
-        """Let time pass until ``condition()`` is true."""
+        """Let the plant run until ``condition()`` is true."""
         self.pause(False)
         self.peer.spin_until(condition, what=what)
         self.stop()

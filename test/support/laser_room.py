@@ -1,6 +1,6 @@
-"""A room with boxes for a localization: its map, the scans of a laser on the simulated robot, and the laser's frame.
+"""A node that publishes the map of a room with boxes, the scans of a laser on the simulated robot, and its transform.
 
-Run as a program it is the node that publishes them, each scan with the stamp of the true pose that it is taken from.
+Each scan has the stamp of the true pose from which it is calculated.
 """
 
 import contextlib
@@ -23,7 +23,7 @@ BOXES = np.array(
         (0.4, -4.5, 1.6, -3.8),
     ]
 )  # fmt: skip
-"""xmin ymin xmax ymax [m] of four walls and what stands along them; the middle, in which goals are, is free"""
+"""xmin, ymin, xmax, ymax [m] of four walls and of boxes beside them; goals are in the free middle"""
 CELL = 0.05
 """[m]"""
 OFFSET = 0.1
@@ -33,7 +33,7 @@ ANGLES = np.arange(BEAMS) * math.tau / BEAMS - math.pi
 
 
 def ranges(x, y, theta):
-    """Return the distance [m] from a point in the room to the nearest box in the direction of each beam."""
+    """Return the distance [m] from a pose in the room to the nearest box in the direction of each beam."""
     at, way = np.array([x, y]), np.stack([np.cos(theta + ANGLES), np.sin(theta + ANGLES)], axis=-1)
     with np.errstate(divide="ignore"):
         sides = (BOXES.reshape(-1, 1, 2, 2) - at) / way[:, None]

@@ -15,12 +15,12 @@ PERIOD = 100_000_000
 
 
 def true_path(messages, start=START):
-    """Poses by step."""
+    """Return the true poses by step."""
     return {(stamp(message) - start) // PERIOD: planar(message.pose.pose) for message in messages}
 
 
 def go(robot, goal, steps=STEPS):
-    """Let it drive from a standing start, the goal known before the first step; return true poses by step."""
+    """Drive from standstill with a goal that is known before the first step; return the true poses by step."""
     robot.send_goal(*goal)
     first = robot.truths[-1] if robot.truths else None
     robot.truths.clear()
@@ -28,14 +28,14 @@ def go(robot, goal, steps=STEPS):
     robot.pause(False)
     robot.peer.spin_until(lambda: robot.truths and stamp(robot.truths[-1]) >= start + steps * PERIOD, what="the steps")
     robot.pause(True)
-    take_what_is_under_way(robot)
+    receive_all(robot)
     for process in robot.launched:
-        print(process.output)  # for the report of a test that fails; the nodes may go on to the next one
+        print(process.output)  # for the report of a failed test
     return true_path(robot.truths, start)
 
 
-def take_what_is_under_way(robot):
-    """Wait until a paused plant has answered three calls in a row with no true pose in between."""
+def receive_all(robot):
+    """Wait until a paused plant has answered three calls in a row without a true pose in between."""
     quiet = 0
     while quiet < 3:
         before = len(robot.truths)
@@ -46,7 +46,7 @@ def take_what_is_under_way(robot):
 def assert_same_path(path, goal, world, steps=STEPS, tolerance=1e-9, moved=0.3):
     reference = simulate(build(WorldConfig, world), PRESETS["tuned"].config, Pose(*goal), steps).truth
     seen = sorted(step for step in path if step <= steps)
-    # One or two at the start may pass before the test's node is known, none later.
+    # One or two steps at the start may pass before the discovery of the test's node.
     assert min(seen) <= 2
     assert seen == list(range(min(seen), steps + 1))
     here, there = np.array([path[step] for step in seen]), reference[seen]

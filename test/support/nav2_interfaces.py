@@ -1,11 +1,11 @@
-"""Builds nav2_msgs with the actions that the controller serves: no wheel contains that package.
+"""Builds nav2_msgs with the actions that the controllers serve: no wheel contains this package.
 
-The wheels carry headers, libraries and the generators of rosidl, so only a C and a C++ compiler are missing. One shared
-library holds what an installation spreads over six. ROS looks for two of those by name, at the first use of a type:
-empty libraries of these names stand in for them. They are loaded with the Python module, so that no search path has to
-lead to them, and depend on the one with the contents, where symbols are then found.
+The wheels contain headers, libraries and the generators of rosidl; the build also needs a C and a C++ compiler. One
+shared library contains the code that an installation divides into six. ROS looks for two of the six by name at the
+first use of a type: empty libraries with these names replace them. The Python module loads the empty libraries, so that
+a search path is not necessary, and they depend on the library with the contents, where ROS then finds the symbols.
 
-Peers understand each other only if every field agrees with Jazzy's definition: a field more or less is another type.
+Two nodes understand each other only if every field agrees with Jazzy's definition.
 """
 
 import contextlib
@@ -71,7 +71,7 @@ string dock_type
 float32 max_staging_time 1000.0
 bool navigate_to_staging_pose true
 """
-# The parser takes two constants of an action that are equal, comments included, for one.
+# The parser drops the second of two equal constants of an action. A comment makes them different.
 _DOCK_FEEDBACK = """\
 uint16 NONE=0  # no state
 uint16 NAV_TO_STAGING_POSE=1
@@ -104,7 +104,7 @@ ACTIONS = {
 }
 
 TYPE_SUPPORTS = ("rosidl_typesupport_fastrtps_c", "rosidl_typesupport_introspection_c")
-"""What Fast DDS needs: it writes messages with the first, and describes types to others with the second."""
+"""Type supports of Fast DDS: it writes messages with the first, and describes types to others with the second."""
 GENERATORS = (
     ("rosidl_generator_c", "generate_c", ()),
     ("rosidl_typesupport_fastrtps_c", "generate_typesupport_fastrtps_c", ()),
@@ -112,7 +112,7 @@ GENERATORS = (
     ("rosidl_typesupport_c", "generate_c", (list(TYPE_SUPPORTS),)),
     ("rosidl_generator_py", "generate_py", (["rosidl_typesupport_c"],)),
 )
-"""Package, function and further arguments; each writes its sources beside the others'."""
+"""Package, function and further arguments of each generator."""
 LIBRARIES = (
     "action_msgs", "builtin_interfaces", "geometry_msgs", "nav_msgs", "service_msgs", "std_msgs",
     "unique_identifier_msgs",
@@ -125,18 +125,18 @@ RUNTIME = (
 
 
 def key():
-    """Return a name for what :func:`build` makes from this file, Python and these ROS wheels."""
+    """Return a name for the result of :func:`build` with this file, this Python and these ROS wheels."""
     wheels = sorted(f"{one.name} {one.version}" for one in importlib.metadata.distributions() if "ros-" in one.name)
     made_from = (Path(__file__).read_text(), sysconfig.get_config_var("SOABI"), str(_prefix()), *wheels)
     return hashlib.sha256("\n".join(made_from).encode()).hexdigest()[:16]
 
 
 def build(folder):
-    """Write the package into ``folder``, which is made if it does not exist; needs gcc, g++ and the ROS wheels."""
+    """Write the package into ``folder``; needs gcc, g++ and the ROS wheels."""
     prefix = _prefix()
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=".build-", dir=folder) as work:
-        # The generators report every file on stdout.
+        # The generators print every file.
         with contextlib.redirect_stdout(io.StringIO()):
             _generate(Path(work), prefix)
         package = Path(work) / "rosidl_generator_py" / PACKAGE
@@ -197,7 +197,7 @@ def _compile(work, prefix):
         *(path for path in headers.iterdir() if path.is_dir()),
         headers,
     ]
-    flags = ["-O1", "-fPIC", "-w", *(f"-I{path}" for path in includes)]
+    flags = ["-O0", "-fPIC", "-w", *(f"-I{path}" for path in includes)]
 
     def compiled(source):
         target = source.with_name(source.name + ".o")
@@ -210,7 +210,7 @@ def _compile(work, prefix):
 
 
 def _link(objects, prefix, package):
-    """Link the contents, one stand-in for each type support, and the Python module that loads them all."""
+    """Link the contents, an empty library for each type support, and the Python module that loads them all."""
     entry = [path for path in objects if ".ep." in path.name]
     libraries = [f"{name}__{part}" for name in LIBRARIES for part in PARTS]
     present = [f"-l{name}" for name in (*libraries, *RUNTIME) if (prefix / "lib" / f"lib{name}.so").exists()]

@@ -1,4 +1,4 @@
-"""Nodes in the process of the test, where a start takes milliseconds and a callback can be looked into."""
+"""Nodes in the process of the test, which start in milliseconds and whose state can be checked."""
 
 import contextlib
 
@@ -26,14 +26,14 @@ class Nodes:
         return node
 
     def remove(self, node):
-        """Take a node out of the graph."""
+        """Destroy a node."""
         self.peer.executor.remove_node(node)
         self._nodes.remove(node)
         node.destroy_node()
 
 
 class Fed:
-    """A node that receives messages of the test; each has been handled when :meth:`send` returns."""
+    """A node that receives messages of the test and has handled a message when :meth:`send` returns."""
 
     def __init__(self, nodes, kind, parameters=None, arguments=()):
         """Create the node, see :meth:`Nodes.add`."""
@@ -42,7 +42,7 @@ class Fed:
         self._publishers = {}
 
     def handled(self, topic):
-        """Return how many messages of a topic have come, good or bad, and how many callbacks have failed."""
+        """Return the number of handled messages of a topic, good or bad, and of failed callbacks."""
         health = self.node.health
         dropped = sum(count for (name, _), count in health.dropped.items() if name == topic)
         return health.accepted[topic] + dropped + health.counted["internal errors"]
@@ -59,7 +59,7 @@ class Fed:
 
 @contextlib.contextmanager
 def nodes(**options):
-    """Have nodes in this process while the ``with`` block lasts; ``options`` are those of the test's own node."""
+    """Run nodes in this process while the ``with`` block lasts; ``options`` are of the test's own node."""
     with graph.peer(executor=make_executor, **options) as peer:
         running = Nodes(peer)
         try:

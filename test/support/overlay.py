@@ -1,4 +1,4 @@
-"""Programs of the ROS installation or overlay that this process runs in."""
+"""Programs of the ROS installation or overlay of this process."""
 
 from pathlib import Path
 

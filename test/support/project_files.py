@@ -1,4 +1,4 @@
-"""Which files of the project a program reads: found by running it, from no list of the project's own."""
+"""Finds the files of the project that a program reads, by running it."""
 
 import importlib.metadata
 import subprocess
@@ -26,10 +26,10 @@ def tell():
 def files_read_by(program):
     """Return the project's installed files that a Python program imports, and others that it opens.
 
-    The project opens modules to hash them: these do not count, nor the metadata, where only the names of laws stand.
+    Modules that the project opens to hash them are not included, nor is the metadata, which contains the names of laws.
     """
     command = [sys.executable, "-c", AUDIT + program]
-    # Not in the source tree, which would be found before the installed package.
+    # In the source tree, Python would import the source instead of the installed package.
     result = subprocess.run(command, cwd=tempfile.gettempdir(), check=True, capture_output=True, text=True)
     owned = {str(path) for path in importlib.metadata.files(DISTRIBUTION) or ()}
     paths = (Path(line.removeprefix("read ")) for line in result.stdout.splitlines() if line.startswith("read "))

@@ -1,4 +1,4 @@
-"""A recorder in the process of the test: DDS hands messages on at once there, and its clock can be read."""
+"""A recorder in the process of the test, where DDS delivers messages at once and the recorder's state can be read."""
 
 from collections import Counter
 
@@ -22,14 +22,14 @@ class Recorder:
     """A recorder on the executor of the test's own node, and its reports."""
 
     def __init__(self, nodes, folder, arguments=(), **parameters):
-        """Start it with these parameters."""
+        """Start a recorder with these parameters."""
         self.nodes, self.peer = nodes, nodes.peer
         self.reports = nodes.peer.subscribe(DiagnosticStatus, "/recorder/status", LATCHED)
         parameters = {"uri": str(folder), **parameters}
         self.node = nodes.add(RecorderNode, parameters, arguments)
 
     def value(self, key):
-        """A value of the newest report."""
+        """Return a value of the newest report."""
         return graph.values(self.reports[-1])[key] if self.reports else ""
 
     def wait(self, key, expected):
@@ -37,7 +37,7 @@ class Recorder:
         self.peer.spin_until(lambda: self.value(key) == str(expected), what=f"{key} = {expected}")
 
     def wait_for(self, *publishers):
-        """Spin until the recorder and each publisher know of each other."""
+        """Spin until the recorder and each publisher have discovered each other."""
         wanted = Counter(publisher.topic_name for publisher in publishers)
 
         def known():
@@ -48,13 +48,13 @@ class Recorder:
         self.peer.spin_until(known, what=f"subscriptions to {set(wanted)}")
 
     def close(self):
-        """End it as its process would; what it has not taken yet, it takes now."""
+        """End the recorder as its process does: it still writes the received messages."""
         self.node.before_shutdown()
         self.nodes.remove(self.node)
 
 
 def twists(count, first=0):
-    """Messages that differ, the numbers of ``count``."""
+    """Yield ``count`` messages with different numbers."""
     message = Twist()
     for index in range(first, first + count):
         message.linear.x = float(index)
@@ -62,7 +62,7 @@ def twists(count, first=0):
 
 
 def publish(publisher, messages):
-    """Publish and return the bytes, serialized by ROS and apart from the recorder."""
+    """Publish messages; return their bytes, serialized by ROS."""
     sent = []
     for message in messages:
         sent.append(bytes(serialize_message(message)))
@@ -71,5 +71,5 @@ def publish(publisher, messages):
 
 
 def recorded(folder, topic):
-    """Bytes of a topic as rosbags reads them."""
+    """Return the bytes of the messages of a topic, read by rosbags."""
     return [data for _, data in bag_makers.read(folder, raw=True).get(topic, ())]

@@ -1,4 +1,4 @@
-"""A replay in the process of the test, paused until it and the test's subscriptions know of each other."""
+"""A replay in the process of the test, paused until the test's subscriptions are discovered."""
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.parameter import Parameter
@@ -9,10 +9,10 @@ from diffbot_bag.replay_node import ReplayNode
 
 
 class Replay:
-    """A replay and what subscriptions of the test receive; it ends when reliable ones have everything."""
+    """A replay, and the messages that subscriptions of the test receive."""
 
     def __init__(self, nodes, uri, subscribed, arguments=(), **parameters):
-        """Start; ``subscribed`` are types and QoS of subscriptions by topic."""
+        """Start a replay; ``subscribed`` are types and QoS of subscriptions by topic."""
         self.nodes, self.peer, self.topics, self.messages = nodes, nodes.peer, list(subscribed), []
         for topic, (kind, qos) in subscribed.items():
             nodes.peer.node.create_subscription(kind, topic, self._append(topic), qos, raw=True)
@@ -50,10 +50,10 @@ class Replay:
         self.peer.spin_until(lambda: len(self.of(topic)) >= count, what=f"{count} messages of {topic}")
 
     def wait_for_end(self):
-        """Spin until it has ended and all is received; return its exit status."""
+        """Spin until the replay has ended and all messages are received; return its exit status."""
         self.peer.spin_until(lambda: self.node.exit_code is not None, what="the end of the replay")
         count = -1
-        while count != len(self.messages):  # a wait in which this process was held up shows nothing
+        while count != len(self.messages):  # this process may have been held up during the wait
             count = len(self.messages)
             self.peer.spin_until_quiet()
         return self.node.exit_code

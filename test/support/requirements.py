@@ -1,4 +1,4 @@
-"""Which test files the present installation can run: a ROS workspace has neither all extras nor the pinned set."""
+"""Finds the test files that an installation can run: a ROS workspace may lack extras and the pinned packages."""
 
 import ast
 import importlib.metadata
@@ -26,27 +26,28 @@ PACKAGES = {
     "rosbags": "rosbags",
     "websockets": "websockets",
 }
-"""What tests need beyond package.xml, by the name that is imported; pip's name of each."""
+"""Packages of pip that tests need beyond package.xml, by the name of the module."""
 WHEELS = "ros-jazzy-rclpy"
 BROWSER = "chromium"
 BROWSERS = (BROWSER, "chromium-browser", "google-chrome")
-"""Programs that playwright can drive, instead of one that it would download."""
+"""Installed browsers that playwright can use."""
 PINNED_SET = "project"
-"""Folder of the tests that look at the environment of `make setup` itself: pins, tools, colcon and pip."""
+"""Folder of the tests of the environment of `make setup`: pins, tools, colcon and pip."""
 TRANSFORMS = "tf2_ros"
-"""Where it is, there is a ROS installation, or an overlay on the wheels with what has no wheel."""
+"""Module that only a ROS installation or an overlay on the wheels contains."""
 INSTALLED = "real"
-"""Folder of the tests that need one (`make real`)."""
+"""Folder of the tests that need a ROS installation or an overlay (`make real`)."""
 AMCL = "nav2_amcl"
-"""ROS package that an overlay or installation may lack; test_amcl.py needs it."""
+"""ROS package of test_amcl.py, which an overlay or installation may lack."""
 AT_RUN_TIME = {
     "diffbot_tools.calibration.kernel": {"numba"},
     "diffbot_sim.jit": {"numba"},
     "test.core.test_schema": {"numba"},
     "test.lab.campaign.test_runner": {"distributed"},
+    "test.tools.view.test_live_page": {"playwright"},
     "test.tools.view.test_map_marks": {"playwright"},
 }
-"""What modules need that they import in a function, by name or in a program that they start."""
+"""Packages that modules import in a function, by a string, or in a program that they start."""
 
 
 def missing_packages():
@@ -63,12 +64,12 @@ def missing_packages():
 
 
 def browser():
-    """Return the path of a browser, None if there is none."""
+    """Return the path of an installed browser, or None."""
     return next(filter(None, map(shutil.which, BROWSERS)), None)
 
 
 def left_out(missing):
-    """Return the packages that each test file lacks, by its path relative to test/; only files that lack any."""
+    """Return the missing packages of each test file that needs any of them, by its path relative to test/."""
     if not missing:
         return {}
     # Reading the imports of all files takes seconds in each worker, so only if one of these packages is missing.
@@ -87,7 +88,7 @@ def left_out(missing):
 
 
 def summary(lacking):
-    """Return the one line for the report of pytest; empty if nothing is left out."""
+    """Return the line for the report of pytest; empty if all files can run."""
     if not lacking:
         return ""
     counts = Counter(package for packages in lacking.values() for package in packages)
@@ -97,7 +98,7 @@ def summary(lacking):
 
 @cache
 def needs_of(path):
-    """Return the names in PACKAGES that a file imports, itself or through modules of this project."""
+    """Return the names in PACKAGES that a file imports, directly or through modules of this project."""
     names, modules = set(), [path]
     visited = set()
     while modules:
@@ -114,7 +115,7 @@ def needs_of(path):
 
 @cache
 def _imports(path, everywhere):
-    """Return the dotted names that a file imports; ``everywhere``: in functions, too."""
+    """Return the dotted names that a file imports, with ``everywhere`` also in functions."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     names = set()
     for node in ast.walk(tree) if everywhere else tree.body:

@@ -1,4 +1,4 @@
-"""The robot of the graph tests: plant, filter and controller as processes, and what their messages say."""
+"""The robot of the graph tests: plant, filter and controller as processes, and their messages."""
 
 import contextlib
 import math
@@ -21,11 +21,11 @@ ON_TRUTH, TRUE_POSES = {"pose_source": "odometry"}, ("-r", "controller:odometry/
 """Parameters and arguments of a controller that receives the true poses of the plant."""
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 DEEP = QoSProfile(depth=100_000)
-"""The test takes a message later than it comes: none may be pushed out."""
+"""The test may handle messages late: the queue must not drop any."""
 
 
 def kept(*topics):
-    """Parameters by which publishers keep what a test that is held up has not received."""
+    """Return the parameters with which publishers keep many messages for a test that is held up."""
     return {f"qos_overrides.{topic}.publisher.depth": 1000 for topic in topics}
 
 
@@ -89,14 +89,8 @@ def turned(pose, goal):
     return abs(math.remainder(pose[2] - goal[2], 2 * math.pi))
 
 
-def parameter_value(value):
-    # Of an empty list, rclpy would not guess its type.
-    kind = Parameter.Type.DOUBLE_ARRAY if isinstance(value, list) else None
-    return Parameter("value", kind, value).get_parameter_value()
-
-
 class Robot:
-    """The processes of one robot, and what the test receives from them: lists that grow while the test's node spins."""
+    """The processes of one robot, and lists of the received messages, which grow while the test's node spins."""
 
     def __init__(self, stack, peer, namespace):
         self._stack = stack
@@ -114,13 +108,13 @@ class Robot:
         self.commands = []
 
     def start(self, name, parameters=None):
-        """Start one of the nodes; it is ready when this returns."""
+        """Start one of the nodes and wait until it is ready."""
         process = self.launch(name, parameters)
         self.wait_until_ready(name)
         return process
 
     def wait_until_ready(self, *names):
-        """Wait until the nodes have reported that they are ready, and the test has discovered their publishers."""
+        """Wait until the nodes log that they are ready, and the test has discovered their publishers."""
         for name in names:
             text = f"{'controller' if name == 'robot' else name}]: ready"
             self.processes[name].wait_for_output(text)
@@ -128,7 +122,7 @@ class Robot:
             self.peer.wait_for_publishers(*TOPICS[name])
 
     def launch(self, name, parameters=None, arguments=(), **options):
-        """Start one of the nodes and do not wait for it; ``options`` are those of subprocess.Popen."""
+        """Start one of the nodes without waiting; ``options`` are of subprocess.Popen."""
         arguments = (*arguments, *self._remapped)
         process = self._stack.enter_context(graph.node(graph.MODULES[name], parameters, arguments, **options))
         self.processes[name] = process
@@ -136,7 +130,7 @@ class Robot:
         return process
 
     def launch_joined(self, names, parameters, arguments=(), **options):
-        """Start these nodes in one process and do not wait for it."""
+        """Start these nodes in one process without waiting."""
         ros = *graph.ros_arguments(parameters), *arguments, *self._remapped
         words = ("run", names[0], "--with", *names[1:], "--ros-args", *ros)
         process = self._stack.enter_context(graph.diffbot(*words, **options))
@@ -144,14 +138,14 @@ class Robot:
         self.launched.append(process)
 
     def state(self):
-        """Message of the controller's newest status."""
+        """Return the message of the controller's newest status."""
         return self.controller_states[-1].message if self.controller_states else ""
 
     def wait_for_state(self, state, timeout=15.0):
         self.peer.spin_until(lambda: self.state() == state, timeout, f"the controller's state {state!r}")
 
     def catch_up(self):
-        """Receive what has waited for the test's node, so that the newest messages in the lists are new."""
+        """Handle all received messages, so that the last messages in the lists are the newest ones."""
         self.peer.drain()
 
     def true_pose(self):
@@ -160,9 +154,9 @@ class Robot:
         return planar(self.truths[-1].pose.pose)
 
     def send_goal(self, *goal, tries=1):
-        """Send a goal, and have the controller's word that it has it.
+        """Send a goal and wait until the controller's status names it.
 
-        More ``tries`` are for a controller that has just started: it may not have discovered this publisher yet.
+        A controller that has just started may not have discovered this publisher yet, and needs more ``tries``.
         """
         self.peer.wait_for_subscribers(self.goals)
         wanted = [round(float(number), 4) for number in goal]
@@ -175,13 +169,13 @@ class Robot:
             self.goals.publish(pose_stamped(*goal))
             if self.peer.comes_true(known, 5.0 if left else graph.PATIENCE):
                 return
-        raise AssertionError(f"goal {goal} did not get into the controller's status")
+        raise AssertionError(f"the controller's status does not name the goal {goal}")
 
     def pause(self, paused):
         return self.peer.call(SetBool, "plant/pause", SetBool.Request(data=paused))
 
     def set_parameter(self, node, name, value):
-        """Ask a node to change a parameter; return its answer."""
+        """Change a parameter of a node; return the result."""
         request = SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()])
         return self.peer.call(SetParameters, f"{node}/set_parameters", request).results[0]
 
@@ -189,14 +183,14 @@ class Robot:
         return self.peer.call(Trigger, "controller/cancel")
 
     def diagnosis(self, name):
-        """Key-value pairs of a node on /diagnostics, sent after this call."""
+        """Return the key-value pairs of a report of a node on /diagnostics that is sent after this call."""
         self.catch_up()
         before = len(self.diagnostics)
         full = f"{self.namespace}/{name}"
 
         def following():
             news = [status for array in self.diagnostics[before:] for status in array.status if status.name == full]
-            # The first may have been under way already.
+            # The first report may have been sent before the call.
             return news[1] if len(news) > 1 else None
 
         return graph.values(self.peer.spin_until(following, what=f"{full} on /diagnostics"))
@@ -215,11 +209,11 @@ def robot(
     joined=False,
     **options,
 ):
-    """Run a robot while the ``with`` block lasts; the nodes start at the same time, ``None`` means no parameters.
+    """Run a robot with parameters of its nodes while the ``with`` block lasts.
 
-    ``only`` may name ``robot``: filter and controller in one process. ``arguments`` are further ROS arguments by node.
-    With ``joined`` all nodes are in one process, which takes a third of the processor time; ``arguments`` are then
-    those of this process. ``options`` are those of subprocess.Popen.
+    ``only`` are the nodes to start; ``robot`` is filter and controller in one process. ``arguments`` are other ROS
+    arguments by node. With ``joined`` all nodes run in one process, which needs a third of the processor time;
+    ``arguments`` are then of this process. ``options`` are of subprocess.Popen.
     """
     given = {"plant": plant, "ekf": ekf, "controller": controller}
     given["robot"] = by_node(given, "ekf", "controller")
@@ -237,7 +231,7 @@ def robot(
 
 
 def by_node(given, *nodes):
-    """Return the parameters of several nodes for one process."""
+    """Return the parameters of several nodes in one process, with the name of the node before each."""
     return {f"{node}:{name}": value for node in nodes for name, value in (given[node] or {}).items()}
 
 
@@ -248,7 +242,7 @@ def on_truth(plant=None, controller=None, **options):
 
 
 def lockstep(plant=None, ekf=None, controller=None, **options):
-    """Run a robot as fast as it goes; it stands still until ``pause(False)``."""
+    """Run a robot in lock-step, which is paused until ``pause(False)``."""
     given = {"plant": plant, "ekf": ekf, "controller": controller}
     return robot(**{name: {**LOCKSTEP[name], **(one or {})} for name, one in given.items()}, stamped=True, **options)
 

@@ -1,4 +1,4 @@
-"""Bags by the real rosbag2, read and written through its C++ library."""
+"""Read and write bags with the C++ library of rosbag2."""
 
 import rosbag2_py
 
@@ -18,7 +18,7 @@ def read(folder, storage=MCAP):
 
 
 def metadata(folder, storage=MCAP):
-    """Return what rosbag2's `info` knows of a bag."""
+    """Return the metadata of a bag by rosbag2's `info`."""
     return rosbag2_py.Info().read_metadata(str(folder), storage)
 
 
@@ -34,7 +34,7 @@ def write(folder, messages, types, *, storage=MCAP, compression="", **options):
         writer.create_topic(rosbag2_py.TopicMetadata(number, topic, kind, "cdr"))
     for topic, data, time in messages:
         writer.write(topic, data, time)
-    # Its end closes it; the compressing one has no close().
+    # Deleting closes it: the compressing writer does not have close().
     del writer
 
 

@@ -1,4 +1,4 @@
-"""The files of the source tree, for the tests that look at the project itself."""
+"""The files of the source tree, for tests of the project itself."""
 
 import os
 from pathlib import Path
@@ -11,7 +11,7 @@ HIDDEN = {".ci", ".github"}
 
 
 def source_tree():
-    """Yield every file of the source tree that git would not ignore."""
+    """Yield the files of the source tree without built and hidden files."""
     for folder, folders, files in os.walk(ROOT):
         folders[:] = [
             name

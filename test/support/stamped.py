@@ -1,4 +1,4 @@
-"""Stamped odometry and measurements of a robot on a circle, and a filter that starts there."""
+"""Stamped odometry and measurements of a robot on a circle, and a filter that starts at its pose."""
 
 import math
 
@@ -19,7 +19,7 @@ START = np.array([0.0, 0.0, 3.0])
 P0, R = np.diag([0.02, 0.03, 0.01]), np.array([[0.03, 0.01, 0.0], [0.01, 0.03, 0.0], [0.0, 0.0, 0.01]])
 CIRCLE = [Point(9.0 * math.cos(2.4 * i), 9.0 * math.sin(2.4 * i)) for i in range(50)]
 PLAIN = {"filter": "ekf", "gate_probability": 1.0, "detect_correlation": False}
-"""The filter of three states that believes everything: the textbook's."""
+"""A filter of three states without a gate, as in textbooks."""
 EVERYTHING = {"filter": "ekf_calibrating", "use_gyro": True, "relocation_fixes": 2, "gate_probability": 0.99}
 
 
@@ -32,12 +32,12 @@ def fresh(history=1.0, landmarks=(), delay=0.0, **values):
 
 
 def odometry(number, v=1.2, omega=0.7):
-    """Return the odometry of one period, its end stamped ``number`` periods after 0."""
+    """Return the odometry of one period that ends at ``number`` periods."""
     return OdometryStep(number * PERIOD, Twist(v, omega), TwistCovariance(4e-3, 1e-3, 0.02))
 
 
 def truth(stamp):
-    """A circle; the robot is carried away after 0.8 s."""
+    """Return the true pose on a circle; after 0.8 s, the robot is moved to another place."""
     x = moved(START, build_motion(1.2, 0.7, min(stamp * 1e-9, 0.8), 0.0, 0.0, 1.0))
     if stamp <= 800 * MS:
         return x
@@ -71,7 +71,7 @@ MAKERS = {
 
 
 def deliver(found, arrivals):
-    """Give all messages, sorted by the time and rank of their arrival, and the odometry of 2.5 s."""
+    """Give the filter all messages and the odometry of 2.5 s, sorted by the time and rank of their arrival."""
     whole = [*arrivals, *((n * PERIOD, 0.5, odometry(n)) for n in range(1, 26))]
     for _, _, one in sorted(whole, key=lambda one: one[:2]):
         if isinstance(one, Measurement):

@@ -1,4 +1,4 @@
-"""Bags for the report, written by rosbags: a robot on a circle of 1 m radius, with whatever topics a test wants."""
+"""Bags for the report, written by rosbags: a robot on a circle of 1 m radius, with selectable topics."""
 
 import math
 import random
@@ -119,14 +119,14 @@ def transforms(time, *edges):
 
 
 def path(time, *points, frame="map"):
-    """Return a Path through (x, y), as a user sends it: without stamps."""
+    """Return a Path through points (x, y), whose poses do not have stamps."""
     kind = "nav_msgs/msg/Path"
     poses = [make("geometry_msgs/msg/PoseStamped", header=header(0, ""), pose=pose(*point, 0.0)) for point in points]
     return kind, make(kind, header=header(time, frame), poses=poses)
 
 
 def cloud(time, *landmarks, frame="base_link"):
-    """Return a PointCloud2 of (number, x, y) or (number, x, y, variance of the range)."""
+    """Return a PointCloud2 of landmarks (number, x, y) or (number, x, y, variance of the range)."""
     kind = "sensor_msgs/msg/PointCloud2"
     layout = [("id", "<u2"), ("x", "<f8"), ("y", "<f8"), ("range_variance", "<f4")]
     data = np.array([(*one, 0.01)[:4] for one in landmarks], layout)
@@ -141,14 +141,14 @@ def cloud(time, *landmarks, frame="base_link"):
 
 
 def write(folder, messages):
-    """Write (topic, log time [ns], (type, message)), in this order."""
+    """Write messages (topic, log time [ns], (type, message)) in this order."""
     messages = list(messages)
     kinds = {topic: kind for topic, _, (kind, _) in messages}
     return write_rosbags(folder, ((topic, time, data_of(one)) for topic, time, one in messages), kinds)
 
 
 def at(step, rate=50):
-    """Stamp [ns] and true pose of a step on the circle."""
+    """Return stamp [ns] and true pose of a step on the circle."""
     angle = SPEED * step / rate
     return BEGIN + step * 10**9 // rate, math.cos(angle), math.sin(angle), angle + math.pi / 2
 
@@ -198,7 +198,7 @@ def filter_status(name, number):
 
 
 def irregular(seconds=20.0, seed=3):
-    """Topic, log time, sequence, (type, message): late stamps, one gap, one stamp before the last, lost numbers."""
+    """Return topic, log time, sequence and (type, message), with late stamps, a gap, a decreasing stamp and losses."""
     chance = random.Random(seed)
     rows = []
     for number in range(int(seconds * 50)):

@@ -12,7 +12,7 @@ def url_of(watch):
 
 
 class Client:
-    """A connection that reads what the page would show."""
+    """A connection that receives the data of the page."""
 
     def __init__(self, url):
         address, token = url.split("/")[2], url.split("=")[1]
@@ -24,14 +24,14 @@ class Client:
             max_size=None,
         )
         self.robot, self.shared = {}, {}
-        """newest rows of the robot, and what concerns all"""
+        """newest rows of the robot, and newest values of all robots"""
         self.state = [0.0, 0, ""]
         """time, level and words of the robot's state"""
         self.events = []
         """[time, kind, level, text] of all robots, oldest first"""
 
     def read(self):
-        """Take the next message, if one comes within a twentieth of a second."""
+        """Receive the next message, if it arrives within 0.05 s."""
         try:
             message = json.loads(self._socket.recv(timeout=0.05), parse_constant=_refuse)
         except TimeoutError:
@@ -58,4 +58,4 @@ class Client:
 
 
 def _refuse(name):
-    raise AssertionError(f"{name} is no JSON")
+    raise AssertionError(f"{name} is not JSON")

@@ -1,4 +1,4 @@
-"""An independent observer of a robot: when it received which command, and whether anything non-finite came out."""
+"""An independent observer of a robot: the times of its commands, and outputs that are not finite."""
 
 import array
 import contextlib
@@ -22,14 +22,14 @@ POSE_TIMEOUT = 0.5
 COMMAND_TIMEOUT = 0.5
 """[s] cmd_vel_timeout, the plant's default"""
 NEVER = 3600.0
-"""[s] cmd_vel_timeout where the controller has to stop the robot, not its base"""
+"""[s] cmd_vel_timeout for tests in which the controller has to stop the robot, not its base"""
 LOST_INPUT = POSE_TIMEOUT + PERIOD
-"""[s] within which the controller stops a robot without poses"""
+"""[s] until the controller stops a robot without poses"""
 LOST_COMMANDS = COMMAND_TIMEOUT + PERIOD
-"""[s] within which a base without commands stops"""
+"""[s] until a base without commands stops"""
 NEAR = {"initial_pose.x": -4.0, "initial_pose.y": 0.2, "initial_pose.yaw": 0.0}
 STANDSTILL = 0.2
-"""[s] for which a robot has to stand before it counts as stopped"""
+"""[s] without motion after which a robot counts as stopped"""
 OUTPUTS = {
     "cmd_vel": Twist,
     "pose": PoseWithCovarianceStamped,
@@ -54,7 +54,7 @@ def numbers_of(message):
 
 
 class Witness:
-    """Notes commands and true speeds with their times of receipt (monotonic), and checks every output."""
+    """Keeps commands and true speeds with their times of receipt (monotonic), and checks every output."""
 
     def __init__(self, robot):
         """Subscribe to the outputs with the test's node of the robot."""
@@ -79,13 +79,13 @@ class Witness:
 
     def drive(self):
         """Send the far goal and wait for motion."""
-        # A dead controller's last status may name the same goal.
+        # The last status of a killed controller may name the same goal.
         self.robot.controller_states.clear()
         self.robot.send_goal(*FAR, tries=5)
         self.until_moving()
 
     def until_moving(self):
-        """Wait for a fast command that is newer than this call, and for the base's motion."""
+        """Wait for a fast command that is newer than this call, and for motion of the base."""
         self.robot.catch_up()
         commands, truths = len(self.commands), len(self.truths)
         self.peer.spin_until(
@@ -97,13 +97,13 @@ class Witness:
         )
 
     def wait(self, random):
-        """Let a random part of a period pass, so that faults come at all of its phases."""
+        """Wait for a random part of a period, so that faults happen at all of its phases."""
         self.peer.spin_for(random.uniform(0.0, 0.1))
 
     def moments(self, trials, random, drive=None):
-        """Yield the number of each trial at a random moment of a drive, and check that the robot moves after the last.
+        """Yield the number of each trial at a random moment of a drive; check that the robot moves after it.
 
-        ``drive`` makes it move; by default it does so by itself once the fault has ended.
+        ``drive`` makes the robot move; by default it moves again when the fault has ended.
         """
         drive = drive or self.until_moving
         for number in trials:
@@ -118,9 +118,9 @@ class Witness:
         assert seconds <= trials.bound(bound, self.delay())
 
     def stop_after(self, since, received=None):
-        """Return the time [s] from ``since`` to the first of the zeros that are received without motion in between.
+        """Return the time [s] from ``since`` to the first zero after which only zeros are received.
 
-        They are the commands by default; of a base that stops by itself, the true speeds.
+        ``received`` are the commands by default, or the true speeds of a base that stops by itself.
         """
         received = self.commands if received is None else received
         zero = (0.0, 0.0)
@@ -151,19 +151,19 @@ class Witness:
         return since
 
     def mark(self):
-        """Begin a trial: return the time, and note what threads have waited for a processor so far."""
+        """Begin a trial: return the time, and keep how long each thread has waited for a processor until now."""
         self._waited = self._waits()
         return time.monotonic()
 
     def delay(self):
-        """Return what the scheduler may have added since :meth:`mark` [s]: of each process its most delayed thread."""
+        """Return the delay by the scheduler since :meth:`mark` [s]: the most delayed thread of each process, summed."""
         longest = {}
         for (pid, thread), waited in self._waits().items():
             longest[pid] = max(longest.get(pid, 0.0), waited - self._waited.get((pid, thread), waited))
         return sum(longest.values())
 
     def _waits(self):
-        """Return for how long [s] each thread of the robot and of this process has waited, by process and thread."""
+        """Return how long [s] each thread of the robot and of this process has waited, by process and thread."""
         pids = [os.getpid(), *(one.popen.pid for one in self.robot.processes.values() if one.popen.poll() is None)]
         found = {}
         for path in (path for pid in pids for path in Path(f"/proc/{pid}/task").glob("*/schedstat")):

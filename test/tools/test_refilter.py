@@ -9,7 +9,6 @@ import pytest
 import rclpy
 import yaml
 from dataset_files import OMEGA, import_mrclam, write_mrclam
-from graph import free_domain
 from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message
 
@@ -67,7 +66,7 @@ class FakePublisher:
 def test_estimates_are_equal_to_the_estimates_of_the_node(bag, refiltered):
     """The callbacks of the node get the messages of the bag in order, decoded by ROS."""
     context = rclpy.Context()
-    rclpy.init(context=context, domain_id=free_domain())
+    rclpy.init(context=context)
     values = yaml.safe_load((bag / "ekf.yaml").read_text())["/**/ekf"]["ros__parameters"]
     overrides = [Parameter(name, value=value) for name, value in values.items()]
     node = EkfNode(context=context, parameter_overrides=overrides)
