@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from array import array
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from action_msgs.msg import GoalInfo, GoalStatus, GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -20,7 +20,16 @@ from diffbot_control.goals.supervisor import Supervisor
 from diffbot_control.law.regions import REGION_NAMES
 from diffbot_control.ros.frames import robot_frame
 from diffbot_control.ros.messages.fields import fill_twist, set_stamp
-from diffbot_core.endpoints import AUTO, TWIST, TWIST_STAMPED, TYPE_WORDS, bases, command_problem, followed_type
+from diffbot_core.endpoints import (
+    AUTO,
+    TWIST,
+    TWIST_STAMPED,
+    TYPE_WORDS,
+    Endpoint,
+    bases,
+    command_problem,
+    followed_type,
+)
 from diffbot_core.health import Throttle
 from diffbot_core.kinematics import Twist
 from diffbot_core.ros.managed_node import INACTIVE, ManagedNode
@@ -52,18 +61,25 @@ _ENDS = {
 
 
 class CommandOutput:
-    """Publishes cmd_vel, with the type to which the base subscribes or that the parameter cmd_vel_type sets."""
+    """Publishes cmd_vel, with the type to which the base subscribes or that the parameter cmd_vel_type sets.
+
+    While the type is unknown, nothing is published: a recorder takes the type of a topic from its first publisher, and
+    a process can use a topic with one type only.
+    """
 
     def __init__(self, node: ManagedNode[ControllerNodeConfig]) -> None:
-        """Create the publisher."""
+        """Create the publisher if a parameter sets its type."""
         self._node = node
         self.newest = Twist(0.0, 0.0)
         self.problem = self._found = ""
         """why no base receives the commands, once two consecutive checks agree; result of the newest check"""
         self._topic, self._next = node.resolve_topic_name("cmd_vel"), ""
         """full name of cmd_vel; message type to which the next check changes, empty for no change"""
-        self._can_change = node.config.cmd_vel_type == AUTO
-        self._open(TWIST_STAMPED if node.config.cmd_vel_type == TYPE_WORDS[TWIST_STAMPED] else TWIST)
+        self._is_automatic = node.config.cmd_vel_type == AUTO
+        self._publisher: Any = None
+        self._type = TWIST_STAMPED if node.config.cmd_vel_type == TYPE_WORDS[TWIST_STAMPED] else TWIST
+        if not self._is_automatic:
+            self._open(self._type)
 
     def _open(self, kind: str) -> None:
         self._command = TwistStamped() if kind == TWIST_STAMPED else TwistMessage()
@@ -74,20 +90,23 @@ class CommandOutput:
 
     def send(self, command: Twist, stamp: int | None = None) -> None:
         """Publish a command; ``stamp`` [ns] is the stamp of the answered pose, by default the current time."""
+        self.newest = command
+        if self._publisher is None and not self._next:
+            self._open_for_base(subscriptions_of(self._node, self._topic))
+        if self._publisher is None:
+            return
         if isinstance(self._command, TwistStamped):
             now = self._node.get_clock().now().nanoseconds if stamp is None else stamp
             set_stamp(self._command.header.stamp, now)
             fill_twist(self._command.twist, command)
         else:
             fill_twist(self._command, command)
-        self.newest = command
-        if not self._next:
-            self._publisher.publish(self._command)
-            self._node.health.sent["cmd_vel"] += 1
+        self._publisher.publish(self._command)
+        self._node.health.sent["cmd_vel"] += 1
 
     def deliver(self, command: Twist) -> None:
         """Publish a command and wait until all subscribers have confirmed it; log a warning if one has not."""
-        if not self._next and not deliver(self._node, self._publisher, lambda: self.send(command)):
+        if self._publisher is not None and not deliver(self._node, self._publisher, lambda: self.send(command)):
             text = "a subscriber of cmd_vel has not confirmed the last command, which may be lost"
             self._node.get_logger().warning(text)
 
@@ -100,32 +119,41 @@ class CommandOutput:
         if self._next:
             self._change()
         subscriptions = subscriptions_of(self._node, self._topic)
-        kind = followed_type(self._type, subscriptions)
-        if self._can_change and kind != self._type:
+        if self._publisher is None:
+            self._open_for_base(subscriptions)
+        elif self._is_automatic and (kind := followed_type(self._type, subscriptions)) != self._type:
             # rclpy destroys the publisher only after this callback, and a process can use a topic with one type only.
             self._node.destroy_publisher(self._publisher)
-            self._next = kind
+            self._publisher, self._next = None, kind
             return
         is_alone, name = not bases(subscriptions), self._node.get_fully_qualified_name()
         own = [one for one in publishers_of(self._node, self._topic) if one.node == name and one.type == self._type]
         before, self._found = self._found, ""
-        if own and (has_goal or not is_alone):
+        if (own or is_alone) and (has_goal or not is_alone):
             elsewhere = bases_elsewhere(self._node, self._topic) if is_alone else ()
-            self._found = command_problem(self._topic, own[0], subscriptions, elsewhere)
+            self._found = command_problem(
+                self._topic, own[0] if own else Endpoint(name, self._type), subscriptions, elsewhere
+            )
         if self._found == before:  # DDS reports the name of a node shortly after its subscriptions
             self.problem = self._found
+
+    def _open_for_base(self, subscriptions: list[Endpoint]) -> None:
+        """Open the publisher if a base subscribes."""
+        if bases(subscriptions):
+            self._next = followed_type(self._type, subscriptions)
+            self._change()
 
     def _change(self) -> None:
         kind, before, self._next = self._next, self._type, ""
         try:
             self._open(kind)
-        except RuntimeError:  # another node of this process uses the topic with the previous type
-            self._open(before)
-            self._can_change = False
+        except RuntimeError:  # another node of this process uses the topic with the other type
+            self._open(TWIST if kind == TWIST_STAMPED else TWIST_STAMPED)
+            self._is_automatic = False
         else:
-            self._node.get_logger().info(
-                f"cmd_vel: publishing {kind.rpartition('/')[2]}, the type to which the base subscribes"
-            )
+            if kind != before:
+                name = kind.rpartition("/")[2]
+                self._node.get_logger().info(f"cmd_vel: publishing {name}, the type to which the base subscribes")
 
 
 class ControllerPublishers:

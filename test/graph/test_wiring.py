@@ -13,6 +13,7 @@ from nav_msgs.msg import Odometry
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from robot import LATCHED, stamped_goal
 
+from diffbot_bag.recorder_node import RecorderNode
 from diffbot_control.controller_node import ControllerNode
 from diffbot_control.ekf_node import EkfNode
 from diffbot_core.endpoints import TWIST, TWIST_STAMPED
@@ -64,7 +65,9 @@ def wait_for_type(nodes, kind):
 
 def test_commands_follow_the_type_of_the_present_base(nodes, capfd):
     nodes.add(ControllerNode)
-    wait_for_type(nodes, TWIST)
+    send_goal(nodes, 1.0, 0.0, 0.0)
+    wait_for_problem(nodes, "no base subscribes to /cmd_vel")
+    assert nodes.peer.node.get_publishers_info_by_topic("/cmd_vel") == [], "the type is not known yet"
     with base(TwistStamped):
         wait_for_type(nodes, TWIST_STAMPED)
     assert "cmd_vel: publishing TwistStamped, the type to which the base subscribes" in capfd.readouterr().err
@@ -72,6 +75,19 @@ def test_commands_follow_the_type_of_the_present_base(nodes, capfd):
         wait_for_type(nodes, TWIST)
     with base(Twist, TwistStamped):
         wait_for_problem(nodes, "set cmd_vel_type to")
+
+
+def test_a_recorder_in_the_same_process_records_the_commands_with_the_type_of_a_base_that_starts_later(
+    nodes, tmp_path, capfd
+):
+    nodes.add(ControllerNode)
+    recorder = nodes.add(RecorderNode, {"uri": str(tmp_path / "bag")})
+    nodes.peer.spin_until(lambda: recorder.health.accepted["/controller/status"], what="a recorded message")
+    with base(TwistStamped):
+        wait_for_type(nodes, TWIST_STAMPED)
+        text = f"subscribed to /cmd_vel [{TWIST_STAMPED}]"
+        nodes.peer.spin_until(lambda: "/cmd_vel" in recorder.health.accepted, what="the recorder's subscription")
+    assert text in capfd.readouterr().err
 
 
 def test_the_type_is_kept_and_the_remedy_is_named_if_another_node_of_the_process_uses_it(nodes):

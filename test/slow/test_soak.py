@@ -15,6 +15,7 @@ from nav_msgs.msg import Odometry
 from robot import robot
 from scipy.stats import theilslopes
 
+from diffbot_control.goals.record import SUSPENSION
 from diffbot_control.ros.goals.client import LOST, NoControllerError
 from diffbot_control.ros.navigator import Navigator
 from diffbot_core.geometry import Pose
@@ -93,7 +94,8 @@ def strike(running, client, fault, rng):
     elif kind == "hold up":
         running.processes[name].send(signal.SIGSTOP)
         try:
-            time.sleep(rng.uniform(0.5, 3.0))
+            # After SUSPENSION, a controller ends its goal.
+            time.sleep(rng.uniform(0.5, 0.8 * SUSPENSION if name == "controller" else 3.0))
         finally:
             running.processes[name].send(signal.SIGCONT)
     elif kind == "send":
