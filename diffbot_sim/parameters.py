@@ -44,8 +44,8 @@ class PlantNodeConfig(NamedTuple):
             read_only=True,
         ),
     ] = AUTO
-    left_wheel_name: Annotated[str, Spec("name of the left wheel's joint", read_only=True)] = "left_wheel_joint"
-    right_wheel_name: Annotated[str, Spec("name of the right wheel's joint", read_only=True)] = "right_wheel_joint"
+    left_wheel_name: Annotated[str, Spec("joint of the left wheel", read_only=True)] = "left_wheel_joint"
+    right_wheel_name: Annotated[str, Spec("joint of the right wheel", read_only=True)] = "right_wheel_joint"
     map_frame: Annotated[str, Spec("frame of the fixes and of the true pose", read_only=True)] = "map"
     odom_frame: Annotated[str, Spec("frame of the odometry", read_only=True)] = "odom"
     base_link_frame: Annotated[str, Spec("frame of the robot", read_only=True)] = "base_link"

@@ -164,7 +164,7 @@ def _ignored_parameters(feedback: str) -> dict[str, str]:
 def _starts(start: Any) -> Starts:
     """Read ``{list: [[x, y, theta], ...]}``, ``{box: {x: [low, high], ...}}`` or ``{circle: {radius: ...}}``."""
     if not isinstance(start, dict) or len(start) != 1 or next(iter(start)) not in ("list", "box", "circle"):
-        raise InvalidValueError("start", start, "one of list, box, circle with its values")
+        raise InvalidValueError("start", start, "a mapping with exactly one key: list, box or circle")
     kind, value = next(iter(start.items()))
     if kind == "list":
         if not isinstance(value, list) or not value:

@@ -268,6 +268,6 @@ def checked_start(start: Any) -> StartPose:
     """Return x [m], y [m], theta [rad] as a start pose."""
     values = np.asarray(start, dtype=np.float64)
     if values.shape != (3,) or not (np.abs(values) <= MAX_COORDINATE).all():
-        raise InvalidValueError("start", start, f"x, y, theta, each within {MAX_COORDINATE:g}")
+        raise InvalidValueError("start", start, f"three numbers x, y, theta within +-{MAX_COORDINATE:g}")
     x, y, theta = values.tolist()
     return StartPose(x, y, wrap_angle(theta))

@@ -52,9 +52,9 @@ class Calibration(NamedTuple):
     drives: list[Events]
     quantities: list[Quantity]
     found: Fit
-    """fit to all measurements"""
+    """fit of the quantities to all measurements"""
     constants: Array
-    """(6,) means of the constant states"""
+    """(6,) means of the constant states, in the order of CONSTANTS"""
     constants_covariance: Array
     """(6, 6)"""
     biases: list[tuple[float, float]]

@@ -77,9 +77,9 @@ def read_drive(bag: Path, config: EkfNodeConfig, until: float, remap: dict[str, 
         names = topics_of(reader, config, remap)
         _check_measured(bag, config, names)
         collected = EventReader(config, names)
-        topics = (*collected.topics, COMMANDS) if COMMANDS in reader.topics else collected.topics
-        found = reader.topics
-        total = sum(found[topic].message_count for topic in topics)
+        recorded = reader.topics
+        topics = (*collected.topics, COMMANDS) if COMMANDS in recorded else collected.topics
+        total = sum(recorded[topic].message_count for topic in topics)
         rows = []
         for message in tqdm(reader.decoded(topics), desc=bag.name, total=total, unit="message", disable=None):
             if message.topic == COMMANDS:
