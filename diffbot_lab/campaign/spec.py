@@ -151,7 +151,7 @@ def _cells(options: CampaignOptions, fixed: Mapping[str, Any], grid: Mapping[str
 
 
 def _ignored_parameters(feedback: str) -> dict[str, str]:
-    """Return the parameters that have no effect with this feedback, and the feedback with which they have one."""
+    """Return the parameters without effect under this feedback, and the feedback that makes each of them effective."""
     found: dict[str, str] = {}
     if feedback != EKF:
         found |= dict.fromkeys((one.name for one in parameters_of(FilterConfig)), "feedback: ekf")

@@ -1,8 +1,8 @@
 """Run the compiled filter over the arrays of a drive and compute the log likelihood of each measurement.
 
-Motion, expected measurements and corrections are those of :mod:`diffbot_control.filter`, compiled as in the simulation.
-The first ten states are the states of the filter with all errors. They are followed by the time-correlated errors of
-single sources.
+The functions of :mod:`diffbot_control.filter` for motion, measurements and corrections are compiled, as in the
+simulation. The first ten states are the states of the filter with all errors. They are followed by the time-correlated
+errors of single sources.
 """
 
 from __future__ import annotations
@@ -220,7 +220,7 @@ def _start_errors(P: Array, R: Array, slot: int) -> None:
 
 
 def _predict_errors(x: Array, P: Array, expected: Expected, slot: int, c: float) -> None:
-    """Predict the error states of a source, which begin at ``slot``, and let a measurement depend on them.
+    """Predict the error states of a source, which begin at ``slot``, and add them to the model of a measurement.
 
     Each new error is ``c`` times the previous error plus an independent part, so that its covariance stays R. The
     measurement has no other error, so its R becomes zero.

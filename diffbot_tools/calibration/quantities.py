@@ -22,8 +22,8 @@ from diffbot_tools.calibration.events import (
 from diffbot_tools.calibration.kernel import MAX_DELAY, Settings
 
 _DOWN, _SPREAD = 0.2, 3.0
-"""Prior standard deviations of the logarithm of a noise or a time. If only landmarks are measured, motion noise below
-the given noise has the first one, because constant errors of the map make the odometry look better than it is."""
+"""Prior standard deviations of the logarithm of a noise or a time. If only landmarks are measured, _DOWN applies to
+motion noise below the given noise: constant errors of the map make the odometry look better than it is."""
 _MAX_LOG, _MAX_FACTOR_LOG = math.log(1e5), math.log(30.0)
 CONSTANTS = {
     "left_radius_error": WHEELS,
