@@ -209,7 +209,7 @@ def run_drives(case: OpenLoopCase, seed: int, runs: int, threads: int | None = N
     """Simulate the runs 0 to ``runs - 1`` on ``threads`` threads; None for one on each core.
 
     Returns:
-        (runs, 10), a row for each run, columns as COLUMNS. It does not depend on the number of threads.
+        (runs, 10), a row for each run, columns as COLUMNS. The result does not depend on the number of threads.
     """
     trackings: Array = np.empty((runs, len(COLUMNS)))
 

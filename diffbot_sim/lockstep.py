@@ -60,7 +60,7 @@ class Plant(Protocol):
 
 
 class LockStep:
-    """State of the protocol. Commands and two timers call its methods."""
+    """State of the protocol. Its owner calls the methods for each command and from two timers."""
 
     def __init__(self, plant: Plant, *, paused: bool = False) -> None:
         """Wait for a filter. A timer has to call :meth:`on_poll` from now on."""

@@ -31,9 +31,9 @@ from diffbot_sim.robot_step import EKF, TRUTH, Case
 _MAX_CELLS = 10_000
 _SECTIONS = ("start", "grid", "set")
 _STEPS_PER_CHUNK = 2_000_000
-"""They take about half a second on one core, short enough for the progress bar and for interruptions."""
+"""Steps in one chunk: about half a second on one core, short enough for the progress bar and for interruptions."""
 _RUNS_PER_CHUNK = 100_000
-"""This limits the memory of a worker, which holds the outcomes of all runs of a chunk."""
+"""Largest number of runs in one chunk. It limits the memory of a worker, which holds the outcomes of these runs."""
 
 
 @functools.cache

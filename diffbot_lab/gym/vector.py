@@ -62,7 +62,7 @@ class Episodes(NamedTuple):
     starts: Any
     """(n, 3) x [m], y [m], theta [rad] in map"""
     noise: Any
-    """(n, purposes, _BLOCK + 1, 4) numbers in [0, 1); row 0 belongs to the last step that is a multiple of _BLOCK"""
+    """(n, purposes, _BLOCK + 1, 4) numbers in [0, 1); row 0 is for the newest step that is a multiple of _BLOCK"""
     steps: Any
     """(n,) number of each robot's present step"""
 

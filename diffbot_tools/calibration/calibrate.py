@@ -88,7 +88,7 @@ def calibrate(
     measured, seconds = sum(len(one.measurements.time) for one in drives), sum(one.duration for one in drives)
     on_phase(f"{measured} measurements in {seconds:.0f} s; searching {', '.join(one.name for one in quantities)}")
     likelihood = Likelihood(coarse, train, settings, quantities, on_evaluation)
-    first = fit(likelihood, [_start(quantities, *one) for one in _STARTS])
+    first = fit(likelihood, [_start_values(quantities, *one) for one in _STARTS])
     for sensor, name in enumerate(times_of(config)):
         if any((one.measurements.sensor == sensor).any() for one in drives):
             on_phase(f"trying {name}: errors that are correlated in time")
@@ -105,7 +105,7 @@ def calibrate(
     ends = likelihood.filtered(found.values)
     on_phase("evaluating the half that was held out")
     held_out, found_settings = [~one for one in train], with_values(settings, quantities, first.values)
-    after = [run_events(with_error_states(one, _sensors(quantities)), found_settings) for one in drives]
+    after = [run_events(with_error_states(one, _correlated_sensors(quantities)), found_settings) for one in drives]
     return Calibration(
         drives,
         quantities,
@@ -125,7 +125,7 @@ def _every_other(events: Events) -> Mask:
     return even
 
 
-def _start(quantities: list[Quantity], delay: float | None, noise: float) -> Array:
+def _start_values(quantities: list[Quantity], delay: float | None, noise: float) -> Array:
     """Return the values (q,) at which the search starts. Sensor noise is increased less than motion noise."""
     start = np.array([one.start + (noise if one.logarithmic else 0.0) for one in quantities])
     for index, one in enumerate(quantities):
@@ -136,7 +136,7 @@ def _start(quantities: list[Quantity], delay: float | None, noise: float) -> Arr
     return start
 
 
-def _sensors(quantities: list[Quantity]) -> set[int]:
+def _correlated_sensors(quantities: list[Quantity]) -> set[int]:
     """Return the sensors whose errors are correlated in time."""
     return {one.place[0] for one in quantities if one.field == "times"}
 
@@ -155,7 +155,7 @@ def _with_correlation(white: Likelihood, first: Fit, name: str, sensor: int, nee
         name, "times", (sensor,), True, math.log(period), math.log(0.1 * period), math.log(_MAX_CORRELATION_TIME)
     )
     quantities = [*white.quantities, time]
-    drives = [with_error_states(one, _sensors(quantities)) for one in white.drives]
+    drives = [with_error_states(one, _correlated_sensors(quantities)) for one in white.drives]
     likelihood = white._replace(drives=drives, quantities=quantities)
     starts = [np.append(first.values, math.log(factor * period)) for factor in _CORRELATION_STARTS]
     costs = [likelihood.cost(one) for one in starts]

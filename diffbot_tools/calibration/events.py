@@ -129,7 +129,7 @@ class Collector:
         self._keys: set[Key] = set()
 
     def initialise(self, pose: Pose, P: Any, stamp: int | None = None, source: str = _BY_HAND) -> None:
-        """Put the filter at a pose with covariance ``P`` (3, 3), measured by a source."""
+        """Add a reset of the filter to a pose with covariance ``P`` (3, 3), measured by a source."""
         if self._stamp is None:
             self._stamp = stamp
         self.resets.append(Measurement(-1 if self._stamp is None else self._stamp, source, POSE_FIX, np.array(pose), P))

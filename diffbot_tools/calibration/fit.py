@@ -1,4 +1,4 @@
-"""Maximum of the likelihood of the innovations over bounded quantities, and its curvature."""
+"""Maximise the likelihood of the innovations over bounded quantities, and compute their covariance."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Fit(NamedTuple):
     cost: float
     """negative log likelihood with the priors"""
     covariance: Array
-    """(q, q) inverse of the curvature of the cost; zero rows for logarithms at a bound"""
+    """(q, q) inverse of the curvature of the cost, plus a delay's resolution; zero rows for logarithms at a bound"""
     at_bound: list[bool]
 
 
