@@ -33,7 +33,7 @@ class Configuration(NamedTuple):
 
 
 def law_of(name: str, values: Mapping[str, Any]) -> str:
-    """Return the name of the law: the law of the ``preset`` among the parameter values if there is one, else ``name``.
+    """Return the name of the law to run: ``name``, or the law of the ``preset`` in ``values`` for the switching law.
 
     Raises:
         InvalidValueError: for an unknown preset.
@@ -49,8 +49,8 @@ def law_of(name: str, values: Mapping[str, Any]) -> str:
 def configure(values: Mapping[str, Any], law: type[Law] = SwitchingLaw) -> Configuration:
     """Build the configurations from values of parameters.
 
-    A value sets the parameter of its name in every configuration, so ``wheel_radius`` sets the radius of plant and
-    controller. A ``preset`` selects the defaults of the law.
+    A value sets the parameter of this name in every configuration that has it, so ``wheel_radius`` sets the radius of
+    plant and controller. A ``preset`` replaces the defaults of the law.
 
     Raises:
         InvalidValueError: for an unknown name or a value that is not allowed.

@@ -30,7 +30,7 @@ def add_benchmark(commands: Any) -> None:
     _add_names(switching, "--case", "run CASE")
     switching.add_argument("--tuning", type=Path, metavar="FILE", help="tuning.json of diffbot benchmark tune")
     _add_runs(switching, 100, "runs of each start")
-    _add_runs(switching, 1, "runs of each start for the switching law, if this is more than --runs", "--own-runs")
+    _add_runs(switching, 1, "runs of each start for the switching law, if more than --runs", "--own-runs")
     _add_seed_and_out(switching, "out/benchmark")
     switching.set_defaults(call=_switching)
 
@@ -60,10 +60,10 @@ def add_campaign(commands: Any) -> None:
     campaign.add_argument("file", type=Path, nargs="?", help="YAML file (docs/reference/campaigns.md)")
     add_flags(campaign, CampaignOptions)
     campaign.add_argument(
-        "--start", type=yaml_value, help="e.g. '{box: {x: [-5, 5], y: [-5, 5], heading: [-3.14, 3.14]}}'"
+        "--start", type=yaml_value, help="start poses, e.g. '{box: {x: [-5, 5], y: [-5, 5], heading: [-3.14, 3.14]}}'"
     )
     campaign.add_argument(
-        "--set", type=setting, nargs="+", default=[], metavar="NAME=VALUE", help="values for all cells"
+        "--set", type=setting, nargs="+", default=[], metavar="NAME=VALUE", help="parameters of all cells"
     )
     campaign.add_argument(
         "--grid",
@@ -71,7 +71,7 @@ def add_campaign(commands: Any) -> None:
         nargs="+",
         default=[],
         metavar="NAME=[A,B]",
-        help="one cell per combination",
+        help="values of parameters; each combination is one cell",
     )
     _add_out(campaign, "out/campaign")
     place = campaign.add_mutually_exclusive_group()
@@ -83,7 +83,7 @@ def add_campaign(commands: Any) -> None:
 def _add_names(parser: Any, flag: str, text: str) -> None:
     metavar = flag[2:].upper()
     parser.add_argument(
-        flag, action="append", default=[], metavar=metavar, help=f"{text}; may be repeated (default: all)"
+        flag, action="append", default=[], metavar=metavar, help=f"{text}; may be given several times (default: all)"
     )
 
 
@@ -97,7 +97,7 @@ def _add_seed_and_out(parser: Any, folder: str) -> None:
 
 
 def _add_out(parser: Any, folder: str) -> None:
-    parser.add_argument("--out", type=Path, default=Path(folder), help="folder (default: %(default)s)")
+    parser.add_argument("--out", type=Path, default=Path(folder), help="output folder (default: %(default)s)")
 
 
 def _experiment(options: argparse.Namespace) -> int:

@@ -47,7 +47,7 @@ Array = NDArray[np.float64]
 DURATION = 60.0
 """[s] of a run"""
 SKIPPED = 10.0
-"""[s] part of a run, from its start, that is not evaluated"""
+"""[s] part at the start of a run that is not evaluated"""
 RATES = ((10, 1), (10, 5), (50, 10))
 """[Hz] of odometry and fixes"""
 LOST_DISTANCE = 0.5
@@ -59,14 +59,14 @@ HISTORY_COLUMNS = ("position", "heading", "sigma_xy", "sigma_theta", "nees", "ni
 estimation error squared (NEES) of the pose; normalised innovation squared (NIS) and outcome of the fix that arrives at
 the step, nan without a fix."""
 _FIXES = 0
-"""Row of the fixes in ``Filter.last``."""
+"""Row of the fixes in ``FilterState.last``."""
 _CHUNK = 16
 """Runs in one call of the kernel."""
 _COLOURS = {EKF: "#999999", CALIBRATING: "#0072B2", FNN: "#E69F00", FNN_CALIBRATING: "#009E73"}
 
 
 class Scenario(NamedTuple):
-    """A deviation from the nominal case, simulated at several rates."""
+    """A deviation of plant or sensors from the nominal case, simulated at several rates."""
 
     name: str
     text: str
@@ -209,7 +209,7 @@ def run_drives(case: OpenLoopCase, seed: int, runs: int, threads: int | None = N
     """Simulate the runs 0 to ``runs - 1`` on ``threads`` threads; None for one on each core.
 
     Returns:
-        (runs, 10), a row for each run, columns as COLUMNS. It does not depend on the number of threads.
+        (runs, 10), a row for each run, columns as COLUMNS. The result does not depend on the number of threads.
     """
     trackings: Array = np.empty((runs, len(COLUMNS)))
 
@@ -257,7 +257,7 @@ def tracking_of(case: OpenLoopCase, history: Array) -> Tracking:
 
 
 def figures_of(trackings: Array) -> dict[str, Any]:
-    """Summarise many runs (runs, 10), columns as COLUMNS, of one case and filter."""
+    """Summarise the runs of one case and one filter: (runs, 10), columns as COLUMNS."""
     column = dict(zip(COLUMNS, trackings.T, strict=True))
     runs, fixes, counted = len(trackings), column["fixes"], float(column["fixes"].sum())
     # Remove the rounding error of steps times sampling time: 28 steps of 0.1 s are 2.8 s.
@@ -350,7 +350,7 @@ def _terminal_row(name: str, one: dict[str, Any]) -> str:
 
 
 def draw(results: dict[str, Any], path: Path) -> None:
-    """Draw a run with all faults for each variant, with three standard deviations, and the RMSE of all cases.
+    """Draw one run with all faults for each variant, with the filter's 3-sigma bound, and the RMSE of all cases.
 
     Raises:
         OSError: if the file cannot be written.
@@ -375,7 +375,7 @@ def draw(results: dict[str, Any], path: Path) -> None:
         axes.set_xlabel("time [s]")
         axes.tick_params(labelsize="small", labelleft=axes is panels[0])
         axes.legend(loc="upper left", fontsize="x-small")
-    panels[0].set_ylabel("error of position [m]\nall faults at once, 10/5 Hz")
+    panels[0].set_ylabel("position error [m]\nall faults at once, 10/5 Hz")
     for axes, rates in zip(bars, RATES, strict=True):
         _draw_bars(axes, results, rates)
         axes.tick_params(labelleft=axes is bars[0])

@@ -33,12 +33,12 @@ _log = logging.getLogger(__name__)
 Array = NDArray[np.float64]
 
 COLUMNS = Outcome._fields
-_CHUNK, _LONG_CHUNK = 128, 16
+_CHUNK, _HISTORY_CHUNK = 128, 16
 """Runs in one call of the kernel, without and with histories."""
 
 
 class Starts(NamedTuple):
-    """Start poses in map. Run i starts at a random pose in the box around row i modulo the number of rows."""
+    """Start poses in map. Run i starts at a random pose in the box around row i modulo n."""
 
     poses: Array
     """(n, 3) rows x, y, theta"""
@@ -167,7 +167,7 @@ def _simulate(
     none = np.empty((0, 3)), np.empty((0, 1, 1, 4))
     kernel = _kernel(law, case.feedback, (case, new_buffers(case.robot), *none, outcomes[:0], histories[:0]))
 
-    size = max(min(_LONG_CHUNK if with_histories else _CHUNK, len(runs)), 1)
+    size = max(min(_HISTORY_CHUNK if with_histories else _CHUNK, len(runs)), 1)
 
     def simulate_chunks(chunks: list[range]) -> None:
         source, buffers = NoiseSource(), new_buffers(case.robot)

@@ -13,7 +13,7 @@ from diffbot_core.schema import DISTANCE, HEADING, POSITION, TIME, TIMEOUT, WHEE
 
 _INF = math.inf
 _ADDED = 0.0, 1e3
-"""[m/s], [rad/s] range of the bounds of noise added to the twist"""
+"""[m/s], [rad/s] allowed range of the bounds of the noise that is added to the twist"""
 _RATE = 0.0, 1000.0
 """[Hz]"""
 _DELAY = 0.0, 60.0
@@ -42,7 +42,8 @@ class PlantConfig(NamedTuple):
     slip_noise: Annotated[
         float,
         Spec(
-            "scale of the half-normal share of a wheel's motion lost in each step; the mean share is 0.8 times it",
+            "scale of the half-normal distribution of the share of its motion that a wheel loses in each step; the mean"
+            " share is 0.8 times the scale",
             "-",
             *_SHARE,
         ),
@@ -55,7 +56,7 @@ class PlantConfig(NamedTuple):
     kidnap_yaw: Annotated[float, Spec("rotation of the kidnapped robot", "rad", -math.pi, math.pi)] = 0.0
     command_delay: CommandLatency = 0.0
     drive_time_constant: Annotated[
-        float, Spec("time constant of the drives' first-order lag; 0: none", "s", 0.0, 10.0)
+        float, Spec("time constant of the drives' first-order lag; 0: no lag", "s", 0.0, 10.0)
     ] = 0.0
     acceleration_max: MaxAcceleration = _INF
     angular_acceleration_max: MaxAngularAcceleration = _INF
@@ -90,7 +91,8 @@ class SensorConfig(NamedTuple):
     eps_xy_distance: Annotated[
         float,
         Spec(
-            "distance to map's origin within which the errors of x and y are proportional to this distance; 0: none",
+            "radius around the origin of map within which the errors of x and y are proportional to the distance from"
+            " the origin; 0: the errors are the same everywhere",
             "m",
             *DISTANCE,
         ),
@@ -106,7 +108,7 @@ class SensorConfig(NamedTuple):
         float, Spec("covariance in the messages of fixes, relative to the true covariance", "-", 1e-6, 1e6)
     ] = 1.0
     heading_rate: Annotated[float, Spec("rate of heading; 0: none", "Hz", *_RATE)] = 0.0
-    heading_error_max: Annotated[float, Spec("bound of the error of heading", "rad", 0.0, math.pi)] = 0.087
+    heading_error_max: Annotated[float, Spec("bound of the error of a heading", "rad", 0.0, math.pi)] = 0.087
     landmark_rate: Annotated[float, Spec("rate of landmarks; 0: none", "Hz", *_RATE)] = 0.0
     landmark_range: Annotated[float, Spec("distance up to which landmarks are measured", "m", *DISTANCE)] = 15.0
     landmark_range_error_max: Annotated[float, Spec("bound of the error of a range", "m", *DISTANCE)] = 0.1

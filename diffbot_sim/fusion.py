@@ -66,7 +66,7 @@ _USE_POSE, _HEADING, _USE_HEADING, _USE_LANDMARKS = range(8, 12)
 step and its variance, inf without a gyro; measured pose, 1 if there is one; measured heading. Columns _USE_... are 1 if
 the filter fuses the measurement."""
 _UNKNOWN_HEADING = math.pi**2
-"""[rad^2] variance from which on a heading counts as unknown"""
+"""[rad^2] A heading with at least this variance counts as unknown."""
 _ORIGIN, _FIRST_END = 0, 1
 """Indices of ``RunBuffers.stamps``: stamp of the first pose, and end of the first odometry step; -1 until known."""
 
@@ -118,12 +118,12 @@ def new_buffers(robot: SimulatedRobot) -> RunBuffers:
 
 
 def reference_to(buffers: RunBuffers) -> RunBuffers:
-    """Return ``buffers``. Compiled code gets a reference, see :mod:`references`; the caller keeps the arrays."""
+    """Return ``buffers``. Compiled code gets a reference, see :mod:`references`; the caller must keep the arrays."""
     return buffers
 
 
 def borrowed(array: Any) -> Any:
-    """Return ``array``. Compiled code gets a view without reference counting; the caller keeps the array."""
+    """Return ``array``. Compiled code gets a view without reference counting, so the caller must keep the array."""
     return array
 
 

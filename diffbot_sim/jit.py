@@ -42,7 +42,7 @@ _REPLACEMENTS: dict[Any, Any] = {
     fusion.borrowed: borrowed,
     fusion.reference_to: reference_to,
 }
-"""Functions that compiled code replaces by others."""
+"""Functions that compiled code replaces, and their replacements."""
 _registered: set[Any] = set()
 """Functions that compiled code may call."""
 
@@ -87,7 +87,7 @@ def _is_of_library(function: FunctionType) -> bool:
 
 
 def source_hash(*roots: Any, name: str = "") -> str:
-    """Return a hash of a name and of the source files of all functions that ``roots`` call."""
+    """Return a hash of a name and of the source files of ``roots`` and all functions that they call."""
     files = {inspect.getsourcefile(one) for one in reachable_functions(*roots)}
     digest = hashlib.sha256(name.encode())
     for path in sorted((Path(one) for one in files if one and Path(one).is_file()), key=lambda one: one.name):

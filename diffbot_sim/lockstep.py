@@ -41,7 +41,10 @@ class Plant(Protocol):
         """Hold ``command`` for one step."""
 
     def publish(self) -> None:
-        """Send all messages of the present step. The filter answers the last message, and the controller the filter."""
+        """Send all messages of the present step. The filter answers the last message.
+
+        The controller answers the pose of the filter.
+        """
 
     def publish_truth(self) -> None:
         """Send only time and true state of the present step, which no node answers."""
@@ -50,14 +53,14 @@ class Plant(Protocol):
         """Return True if the plant sends fixes, but no fix arrives at the present step."""
 
     def connections(self) -> tuple[int, ...] | None:
-        """Return the number of nodes on each topic; None until a filter is connected to all topics that it needs."""
+        """Return the number of connections of each topic; None until a filter is connected to all topics it needs."""
 
     def report(self, event: str) -> None:
         """Log NO_FILTER, NO_FIX or NO_COMMAND."""
 
 
 class LockStep:
-    """State of the protocol. Commands and two timers call its methods."""
+    """State of the protocol. Its owner calls the methods for each command and from two timers."""
 
     def __init__(self, plant: Plant, *, paused: bool = False) -> None:
         """Wait for a filter. A timer has to call :meth:`on_poll` from now on."""
@@ -112,8 +115,8 @@ class LockStep:
     def _try_to_start(self) -> None:
         """Send the first step if a filter is connected and the first fix arrives.
 
-        The connections must be stable first, since a run whose first fix is lost would be a different run. Until the
-        first fix, the plant sends no odometry, because a filter without a pose cannot answer it.
+        The connections must be stable first, because losing the first fix would change the run. Until the first fix,
+        the plant sends no odometry, because a filter without a pose cannot answer it.
         """
         if self._settled_polls < SETTLED_POLLS:
             self._plant.report(NO_FILTER)

@@ -25,7 +25,7 @@ _START = 2**32
 
 
 class NoiseSource:
-    """Generator of the noise of runs."""
+    """Random number generator for the noise of runs."""
 
     def __init__(self) -> None:
         """Create the generator."""
@@ -61,7 +61,7 @@ class NoiseSource:
 
 
 def quiet_noise(steps: int, landmarks: int) -> Array:
-    """Return noise (purposes, steps, 4) that causes no errors: every number is 0.5."""
+    """Return noise (purposes, steps, 4) in which every number is 0.5, so all uniform errors are zero."""
     return np.full((LANDMARKS + (landmarks + 1) // 2, steps, 4), 0.5)
 
 

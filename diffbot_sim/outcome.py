@@ -31,7 +31,7 @@ class Outcome(NamedTuple):
     switches: float
     """number of changes of region"""
     local_time: float
-    """[s] of the first entry into Omega_L; nan if there is none"""
+    """[s] time of the first entry into Omega_L; nan if there is none"""
     estimation_error: float
     """[m] distance between the last pose that the controller received and the true pose; nan if it received none"""
     turning: float
@@ -39,7 +39,7 @@ class Outcome(NamedTuple):
     reached_time: float
     """[s] when the law first reported the goal as reached; nan if it did not"""
     false_reached: float
-    """1 if the true pose was outside the tolerances at that time, else 0"""
+    """1 if the true pose was outside the tolerances at ``reached_time``, else 0"""
 
 
 class Criteria(NamedTuple):
@@ -54,11 +54,11 @@ class Criteria(NamedTuple):
     sampling_time: float
     """[s]"""
     steps: int
-    """of the run, which has one pose more"""
+    """number of steps; the run has one more pose"""
 
 
 class LawState(NamedTuple):
-    """Region and answer of the law at the start of a step."""
+    """Report of the law at the start of a step."""
 
     region: int
     reached: bool
@@ -77,7 +77,7 @@ class RunTotals(NamedTuple):
     local_time: float
     """[s] nan until the robot enters Omega_L"""
     region: int
-    """in the last step"""
+    """region in the last step"""
     switches: int
     """number of changes of region"""
     turning: float
@@ -85,7 +85,7 @@ class RunTotals(NamedTuple):
     reached_time: float
     """[s] nan until the law reports the goal as reached"""
     false_reached: float
-    """1 if the true pose was outside the tolerances at that time"""
+    """1 if the true pose was outside the tolerances at ``reached_time``, else 0"""
 
 
 def new_totals() -> RunTotals:
@@ -99,11 +99,11 @@ def add_step(
     """Return the totals with one more step.
 
     Args:
-        totals: of the previous steps.
-        criteria: of the run.
+        totals: totals of the previous steps.
+        criteria: criteria of the run.
         step: number of the step, 0 .. ``criteria.steps``. The robot does not move in the last step.
-        law: region and answer of the law at the start of the step.
-        command: [m/s, rad/s] held over the step.
+        law: report of the law at the start of the step.
+        command: twist [m/s, rad/s] that is held over the step.
         before: true pose at the start of the step, in map.
         after: true pose at the end of the step, in map.
     """
@@ -132,10 +132,10 @@ def outcome_of(totals: RunTotals, criteria: Criteria, feedback: Pose, has_feedba
     """Return the outcome of a run.
 
     Args:
-        totals: of all steps.
-        criteria: of the run.
+        totals: totals of all steps.
+        criteria: criteria of the run.
         feedback: last pose that the controller received.
-        has_feedback: False if it received none.
+        has_feedback: False if the controller received no pose.
         pose: true pose at the end, in map.
     """
     local = into_frame(pose, criteria.goal)

@@ -33,7 +33,9 @@ class PlantNodeConfig(NamedTuple):
     start_time: Annotated[
         float, Spec("time of the first step; 0: now", "s since 1970", minimum=0.0, maximum=2e9, read_only=True)
     ] = 0.0
-    start_paused: Annotated[bool, Spec("wait for ~/pause with data: false", read_only=True)] = False
+    start_paused: Annotated[bool, Spec("start paused, until ~/pause is called with data: false", read_only=True)] = (
+        False
+    )
     cmd_vel_type: Annotated[
         str,
         Spec(
@@ -44,10 +46,10 @@ class PlantNodeConfig(NamedTuple):
     ] = AUTO
     left_wheel_name: Annotated[str, Spec("joint of the left wheel", read_only=True)] = "left_wheel_joint"
     right_wheel_name: Annotated[str, Spec("joint of the right wheel", read_only=True)] = "right_wheel_joint"
-    map_frame: Annotated[str, Spec("frame of fixes and truth", read_only=True)] = "map"
+    map_frame: Annotated[str, Spec("frame of the fixes and of the true pose", read_only=True)] = "map"
     odom_frame: Annotated[str, Spec("frame of the odometry", read_only=True)] = "odom"
     base_link_frame: Annotated[str, Spec("frame of the robot", read_only=True)] = "base_link"
     frame_prefix: Annotated[str, Spec(PREFIX_TEXT, read_only=True)] = ""
-    publish_tf: Annotated[bool, Spec("publish odom -> base_link", read_only=True)] = True
+    publish_tf: Annotated[bool, Spec("publish the transform odom -> base_link", read_only=True)] = True
     commands: CommandSourceConfig = CommandSourceConfig()
     faults: FaultConfig = FaultConfig()

@@ -8,10 +8,12 @@ A command passes these stages in this order. Each stage is off by default and th
 4. first-order lag of each wheel, tau dw/dt = u - w, solved exactly for a target u that is constant over the step,
 5. dead band: a wheel stands still if its drive turns more slowly than ``dead_band``.
 
-The wheels do not turn exactly at the speed of their drives. The robot moves with the true wheels. A slipping wheel
-loses part of its motion on the ground, which its encoder does not measure. The encoders measure the true wheel angles
-with an error. The paper's input noise (Eqs. (6), (7)) has two forms, which can be combined: noise added to v and omega
-(``eps_v_max``, ``eps_omega_max``, section 4.1), and a relative error of each wheel's speed (``drive_noise``).
+The wheels do not turn exactly at the speed of their drives. The true radii and separation of the wheels may differ from
+the configured values. A slipping wheel moves the robot less than its encoder measures. The encoders measure the true
+wheel angles with an error.
+
+The paper's input noise (Eqs. (6), (7)) has two forms, which can be combined: noise added to v and omega (``eps_v_max``,
+``eps_omega_max``, section 4.1), and a relative error of each wheel's speed (``drive_noise``).
 """
 
 from __future__ import annotations
@@ -25,9 +27,9 @@ from diffbot_sim.config import DetectorConfig, PlantConfig, dock_pose
 from diffbot_sim.noise import FURTHER, MOTION, half_normal, uniform
 
 _STRAIGHT = 1e-6
-"""[rad] half turn below which sin(x) / x is replaced by its series, since the quotient loses digits"""
+"""[rad] half turn below which sin(x) / x is replaced by its series, since the quotient is undefined at 0"""
 DOCK_HALF_WIDTH = 0.2
-"""[m] half width of the dock, and its depth"""
+"""[m] half of the width of the dock, and also the depth of the dock"""
 
 
 class DriveState(NamedTuple):
@@ -60,7 +62,7 @@ class PlantState(NamedTuple):
 
 
 def new_plant(pose: Pose) -> PlantState:
-    """Return the robot at rest at ``pose`` in map, before step 0."""
+    """Return the state of a robot at rest at ``pose`` in map, before step 0."""
     rest, still = WheelSpeeds(0.0, 0.0), Twist(0.0, 0.0)
     return PlantState(pose, still, DriveState(still, rest, rest), rest, rest, Pose(0.0, 0.0, 0.0), 0)
 
@@ -69,7 +71,7 @@ def plant_step(state: PlantState, command: Twist, noise: Any, config: PlantConfi
     """Move the robot for one sampling time.
 
     Args:
-        state: before the step.
+        state: state before the step.
         command: twist that arrives at the base driver in this step, see :func:`delayed_command`.
         noise: (purposes, 4) numbers in [0, 1) of this step, see :mod:`noise`.
         config: robot, noise bounds and faults.
@@ -115,7 +117,7 @@ def integrate(pose: Pose, twist: Twist, t_s: float, exact_arc: bool) -> Pose:
 
 
 def command_rows(delay: float, sampling_time: float) -> int:
-    """Return the number of commands that :func:`delayed_command` has to store; 0 for no delay [s]."""
+    """Return the number of commands that :func:`delayed_command` has to store for a delay [s]; 0 without a delay."""
     return math.ceil(delay / sampling_time) + 2 if delay > 0.0 else 0
 
 
@@ -137,7 +139,7 @@ def delayed_command(record: Any, step: int, command: Twist, delay: float, sampli
         return command
     record[step % rows, 0], record[step % rows, 1] = command.v, command.omega
     late = delay / sampling_time
-    # The margin is for rounding: 0.3 s are three steps of 0.1 s.
+    # The margin absorbs rounding errors: 0.3 / 0.1 is slightly less than 3.
     whole = math.floor(late + 1e-9)
     newer, older = (step - whole) % rows, (step - whole - 1) % rows
     share = late - whole
@@ -156,7 +158,10 @@ def touches_dock(pose: Pose, config: DetectorConfig) -> bool:
 
 
 def stopped_by_dock(before: PlantState, after: PlantState, config: DetectorConfig) -> PlantState:
-    """Return the state after a step that began at the dock, which stops the robot and stalls its wheels."""
+    """Return the state after a step that began in contact with the dock.
+
+    If the robot would move further into the dock, the dock stops it, and the wheels stall.
+    """
     if _depth_at_dock(after.pose, config) <= _depth_at_dock(before.pose, config):
         return after
     rest = WheelSpeeds(0.0, 0.0)
@@ -209,7 +214,7 @@ def _effective_speeds(turned: WheelSpeeds, noise: Any, step: int, config: PlantC
     if config.slip_noise > 0.0:
         lost_left, lost_right = half_normal(noise[FURTHER, 2], noise[FURTHER, 3], config.slip_noise)
         left, right = left * (1.0 - min(lost_left, 1.0)), right * (1.0 - min(lost_right, 1.0))
-    # In steps. The margin is for rounding: 1.1 s and 3.2 s are 43 steps of 0.1 s.
+    # In steps. The margin absorbs rounding errors: (1.1 + 3.2) / 0.1 is slightly more than 43.
     begin = config.slip_start / config.sampling_time - 1e-9
     end = (config.slip_start + config.slip_duration) / config.sampling_time - 1e-9
     if begin <= step < end:

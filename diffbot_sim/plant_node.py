@@ -34,7 +34,7 @@ _STOP = Twist(0.0, 0.0)
 
 
 class PlantNode(DiffbotNode[PlantNodeConfig]):
-    """The simulated robot in the graph. It implements :class:`diffbot_sim.lockstep.Plant`."""
+    """The simulated robot as a ROS node. It implements :class:`diffbot_sim.lockstep.Plant`."""
 
     def __init__(self, **node_options: Any) -> None:
         """Create publishers, subscription, services ~/reset and ~/pause, and the timers.
@@ -47,7 +47,9 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
         word, stamped = config.cmd_vel_type, TYPE_WORDS[TWIST_STAMPED]
         if config.clock == LOCKSTEP and word not in (AUTO, stamped):
             self.destroy_node()
-            text = f"{stamped} or {AUTO} with clock: lockstep, since the stamp of a command is the stamp of its pose"
+            text = (
+                f"{stamped} or {AUTO} with clock: lockstep, since a command names the pose that it answers by its stamp"
+            )
             raise InvalidValueError("cmd_vel_type", word, text)
         self.paused, self._started = config.start_paused, False
         self._command, self._command_step, self._skipped = _STOP, 0, 0
@@ -60,7 +62,7 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
             self._commands = self.subscribe(kind, "cmd_vel", self._on_command, QoSProfile(depth=1))
         except RuntimeError:  # all endpoints of a topic in one process must have the same type
             self.destroy_node()
-            text = "the type that the controller in the same process publishes; set cmd_vel_type of both nodes"
+            text = "the type that the controller in the same process publishes; set the same cmd_vel_type in both nodes"
             raise InvalidValueError("cmd_vel_type", word, text) from None
         self.publisher_watch.watch("cmd_vel", "drive the robot", config.commands.max_cmd_vel_publishers)
         self._warn_of_idle_rates()
@@ -98,7 +100,7 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
         return level, f"{'paused' if self.paused else 'running'}; {text}"
 
     def details(self) -> dict[str, str]:
-        """Add the counts of steps to /diagnostics."""
+        """Add the numbers of steps to /diagnostics."""
         return {
             "steps": str(self.step),
             "steps skipped": str(self._skipped),
@@ -133,7 +135,7 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
         return self._has_fixes() and not self._sense().fixes
 
     def connections(self) -> tuple[int, ...] | None:
-        """Return the number of nodes on each topic; None until a filter is connected to all topics that it needs."""
+        """Return the number of connections of each topic; None until a filter is connected to all topics it needs."""
         if not all(one.get_subscription_count() for one in self._topics.required(self._has_fixes())):
             return None
         return (*self._topics.subscription_counts(), self._commands.get_publisher_count())
@@ -202,7 +204,7 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
             self.publish()
 
     def _catch_up_with_wall_time(self) -> None:
-        """Set the stamp of the present step to the present time. Simulated time does not advance in a pause."""
+        """With clock ``wall``, set the stamp of the present step to the present time, since stamps stop in a pause."""
         if self.config.clock == WALL and self.config.start_time == 0.0:
             self.world.start_stamp += time.time_ns() - self.world.stamp
 

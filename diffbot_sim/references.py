@@ -1,8 +1,7 @@
 """References to named tuples of arrays, for compiled code.
 
-Numba copies a named tuple at each call. A reference has the same fields and is one pointer. Its arrays are borrowed:
-otherwise compiled code would count the references to each array at each call, which takes as long as a step of the
-plant.
+Numba copies a named tuple at each call. A reference has the same fields, but is passed as one pointer. Its
+arrays are views without reference counting, since counting at each call takes as long as a step of the plant.
 """
 
 from __future__ import annotations
@@ -48,7 +47,7 @@ class RunBuffersType(_Type):
 
 
 class FilterReference(structref.StructRefProxy):
-    """Reference to a :class:`Filter`."""
+    """Reference to a :class:`FilterState`."""
 
 
 class OptionsReference(structref.StructRefProxy):

@@ -60,11 +60,11 @@ def advance(state: RobotState, commands: Any, command: Twist, noise: Any, config
     """Move a robot for one sampling time.
 
     Args:
-        state: before the step.
-        commands: field of :class:`RunBuffers`.
+        state: state before the step.
+        commands: ring buffer of :class:`RunBuffers`.
         command: requested twist.
         noise: (purposes, 4) numbers in [0, 1) of this step.
-        config: of the plant.
+        config: configuration of the plant.
     """
     arrived = delayed_command(commands, state.plant.step, command, config.command_delay, config.sampling_time)
     return RobotState(plant_step(state.plant, arrived, noise, config), state.fix_errors, state.feedback)
@@ -107,7 +107,7 @@ def sense_estimate(
 
 
 SENSES = sense_truth, sense_fix, sense_estimate
-"""The function for each of FEEDBACKS. Compiled code contains only the function that it needs."""
+"""Functions that set the feedback, in the order of FEEDBACKS. Compiled code contains only one of them."""
 
 
 class Case(NamedTuple):
@@ -140,9 +140,9 @@ def make_step(law: type[Law], feedback: int) -> Callable[..., tuple[RobotState, 
         """Measure, filter, run the law, and move for one period. The robot does not move in the last step.
 
         Args:
-            state: before the step.
-            memory: of the law.
-            buffers: of the run.
+            state: state before the step.
+            memory: memory of the law.
+            buffers: buffers of the run.
             noise: (purposes, 4) numbers in [0, 1) of this step.
             case: the case of the run.
 
@@ -178,7 +178,7 @@ HISTORY_COLUMNS = (
 def make_loop(law: type[Law], feedback: int) -> Callable[[Case, RunBuffers, Any, Pose, Any], Outcome]:
     """Return the function that simulates one run under a law; ``feedback`` is an index of FEEDBACKS.
 
-    It compiles if the law's functions compile.
+    Numba can compile the function if it can compile the functions of the law.
     """
     robot_step, new_memory = make_step(law, feedback), law.new_memory
 

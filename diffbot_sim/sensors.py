@@ -64,16 +64,16 @@ class Detection(NamedTuple):
 
 
 def is_due(step: int, rate: float, sampling_time: float) -> bool:
-    """Return True if a sensor of ``rate`` [Hz] measures at ``step``, at which its number of whole periods increases."""
+    """Return True if a sensor of ``rate`` [Hz] measures at ``step``: at step 0, and when a period has ended."""
     if rate <= 0.0:
         return False
     per_step = rate * sampling_time
-    # The margin is for rounding: 10 Hz and 0.1 s mean a measurement in each step.
+    # The margin absorbs rounding errors: a sensor of 10 Hz measures in each step of 0.1 s.
     return step == 0 or math.floor(step * per_step + 1e-9) > math.floor((step - 1) * per_step + 1e-9)
 
 
 def delay_in_steps(delay: float, sampling_time: float) -> int:
-    """Return the delay of a measurement in steps: it arrives at the first step after ``delay`` [s]."""
+    """Return the number of steps after which a measurement with a ``delay`` [s] arrives, rounded up."""
     return math.ceil(delay / sampling_time - 1e-9)
 
 
@@ -101,7 +101,7 @@ def uniform_variance(bound: float) -> float:
 
 
 def fix_variances(config: SensorConfig) -> tuple[float, float, float]:
-    """Return the variances that a fix claims for x [m^2], y [m^2] and theta [rad^2]."""
+    """Return the variances in the message of a fix for x [m^2], y [m^2] and theta [rad^2]."""
     scale = config.fix_covariance_scale
     var_xy = scale * uniform_variance(config.eps_xy_max)
     return var_xy, var_xy, scale * uniform_variance(config.eps_theta_max)
@@ -115,9 +115,9 @@ def measured_fix(pose: Pose, before: FixErrors, noise: Any, config: SensorConfig
 
     Args:
         pose: true pose [m, m, rad].
-        before: errors of the previous fix, NO_ERRORS for the first one.
+        before: errors of the previous fix; NO_ERRORS for the first fix.
         noise: (purposes, 4) numbers in [0, 1) of this step.
-        config: of the sensors.
+        config: configuration of the sensors.
     """
     fresh = FixErrors(uniform(noise[FIX, 0], 1.0), uniform(noise[FIX, 1], 1.0), uniform(noise[FIX, 2], 1.0))
     errors, a = fresh, config.fix_noise_correlation
@@ -164,7 +164,7 @@ def in_range(pose: Pose, x: float, y: float, config: SensorConfig) -> bool:
 def measured_landmark(
     pose: Pose, index: int, x: float, y: float, noise: Any, config: SensorConfig
 ) -> tuple[float, float]:
-    """Return range [m] and bearing [rad] of the landmark ``index`` of the map, at ``x``, ``y`` [m].
+    """Measure range [m] and bearing [rad] of the landmark ``index`` of the map, at ``x``, ``y`` [m].
 
     The range is at least 1 mm.
     """
@@ -194,7 +194,7 @@ def detected_dock(pose: Pose, noise: Any, config: DetectorConfig) -> Detection:
 def detection_deviations(pose: Pose) -> tuple[float, float]:
     """Return the standard deviations of position [m] and heading [rad] of a detection.
 
-    They depend only on the distance. So ``pose`` is the dock in the robot's frame, or the robot in the dock's frame.
+    They depend only on the distance between robot and dock, so ``pose`` may be in the frame of either.
     """
     increase = DETECTION_SIGMA_PER_METRE * math.sqrt(pose.x * pose.x + pose.y * pose.y)
     return DETECTION_SIGMA + increase, DETECTION_YAW_SIGMA + increase
@@ -220,7 +220,7 @@ def measured_pose(pose: Pose, before: FixErrors, noise: Any, config: SensorConfi
 
 
 def claimed_noise(measured: Pose, config: SensorConfig) -> FixNoise:
-    """Return the covariance of a pose of :func:`measured_pose`."""
+    """Return the covariance that the sensor claims for a pose of :func:`measured_pose`."""
     if config.detector.detection_rate > 0.0:
         sigma, yaw_sigma = detection_deviations(measured)
         return noise_at_dock(measured, sigma * sigma, yaw_sigma * yaw_sigma)

@@ -50,7 +50,7 @@ from diffbot_sim.sensors import (
 Array = NDArray[np.float64]
 _STOP = Twist(0.0, 0.0)
 _MAX_DURATION = 3600.0
-"""[s] after which a drive ends, whatever the timeouts of its goal are"""
+"""[s] longest duration of a drive, whatever the timeouts of its goal are"""
 
 
 class PoseReading(NamedTuple):
@@ -145,7 +145,7 @@ class World:
         self.state = plant_step(before, arrived, self._step_noise(), plant)
         if self.touches_dock_at(before.pose):
             self.state = stopped_by_dock(before, self.state, detector)
-        self._grow_odometry_covariance(before.odometry)
+        self._propagate_odometry_covariance(before.odometry)
 
     def touches_dock_at(self, pose: Pose) -> bool:
         """Return True if there is a detector and a robot at ``pose`` touches its dock."""
@@ -158,7 +158,7 @@ class World:
         covariance = encoder_covariance(encoder, plant.encoder_noise, plant.wheels)
         return OdometryStep(self.stamp, body_twist(encoder, plant.wheels), covariance)
 
-    def _grow_odometry_covariance(self, before: Pose) -> None:
+    def _propagate_odometry_covariance(self, before: Pose) -> None:
         _, twist, (var_v, cov, var_omega) = self.odometry()
         t_s, after = self.config.plant.sampling_time, self.state.odometry
         dx, dy = after.x - before.x, after.y - before.y
@@ -217,7 +217,7 @@ def _arrived(waiting: list[tuple[int, PoseReading]], step: int) -> list[PoseRead
 
 
 DOCK = DockedPose(0.0, 0.0, 0.0)
-"""The detections of the plant are poses of the docked robot."""
+"""The plant detects the pose of the docked robot, so the offset from the dock is zero."""
 
 
 def measurements_of(arrivals: Arrivals) -> list[Measurement]:
@@ -231,7 +231,7 @@ def measurements_of(arrivals: Arrivals) -> list[Measurement]:
 
 
 class Drive(NamedTuple):
-    """A drive to one goal: how it ended, and a row for each step until the answer."""
+    """A drive to one goal: how it ended, and a row for each step."""
 
     goal: Pose
     end: str
@@ -260,17 +260,17 @@ class Drive(NamedTuple):
 
     @property
     def duration(self) -> float:
-        """Return the time [s] until the answer."""
+        """Return the duration [s] of the drive."""
         return float(self.time[-1] - self.time[0])
 
     @property
     def error(self) -> Pose:
-        """Return the true pose at the answer [m, m, rad] in the goal's frame."""
+        """Return the true pose at the end [m, m, rad] in the goal's frame."""
         return into_frame(Pose(*self.truth[-1].tolist()), self.goal)
 
     @property
     def position_error(self) -> float:
-        """Return the distance [m] of the true pose from the goal at the answer."""
+        """Return the distance [m] of the true pose from the goal at the end."""
         return math.hypot(self.error.x, self.error.y)
 
 
@@ -312,7 +312,7 @@ class ClosedLoop:
         self.estimate, self.uncertainty = found.pose, uncertainty_of(found.P)
 
     def drive(self, goal: Pose) -> Drive:
-        """Drive to a goal in map until the supervisor answers that it is reached, or why not."""
+        """Drive to a goal in map until the supervisor ends the goal, reached or not."""
         supervisor, began = self.supervisor, self.time
         supervisor.on_goal(goal, GoalRequest(source="simulation", time=began))
         rows, regions, reached = [], [], []
@@ -346,7 +346,7 @@ class LoopRecord(NamedTuple):
     truth: Array
     """(n, 3) true pose [m, m, rad]"""
     feedback: Array
-    """(n, 3) pose that the controller receives; nan before the first one"""
+    """(n, 3) pose that the controller receives; nan before the first pose"""
     command: Array
     """(n, 2) v, omega of the command that answers this pose [m/s, rad/s]"""
     region: NDArray[np.int64]
@@ -379,15 +379,11 @@ def simulate(
     answers the pose with a command, and the plant holds the command for one sampling time.
 
     Raises:
-        InvalidValueError: if the feedback is not one of FEEDBACKS, for less than one step, for options of the odometry,
-            which the loop does not support, or for a robot that :func:`robot_step.check_robot` refuses.
+        InvalidValueError: if the feedback is not one of FEEDBACKS, for less than one step, for odometry options other
+            than the defaults, or for a robot that :func:`robot_step.check_robot` refuses.
     """
     if localization is not None and localization.odometry != OdometryConfig():
-        raise InvalidValueError(
-            "odometry",
-            tuple(localization.odometry),
-            "the default in this simulation",
-        )
+        raise InvalidValueError("odometry", tuple(localization.odometry), "the default in this simulation")
     if feedback not in FEEDBACKS:
         raise InvalidValueError("feedback", feedback, "one of " + ", ".join(FEEDBACKS))
     if steps < 1:

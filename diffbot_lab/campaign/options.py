@@ -15,7 +15,7 @@ class CampaignOptions(NamedTuple):
     seed: Annotated[int, Spec("seed of all noise", minimum=0, maximum=2**63 - 1)] = 1
     duration: Annotated[float, Spec("length of each run", "s", minimum=1e-3, maximum=1e5)] = 60.0
     feedback: Annotated[str, Spec("pose that the controller receives: ekf, raw or truth")] = "ekf"
-    law: Annotated[str, Spec("law that drives: a registered name, or package.module:Class")] = "switching"
+    law: Annotated[str, Spec("law that drives the robot: a registered name, or package.module:Class")] = "switching"
 
     def check(self) -> None:
         """Raise InvalidValueError if the feedback is unknown."""

@@ -31,7 +31,7 @@ _ECDF_METRICS = (
 _MAX_CURVES = 12
 """Largest number of cells in the figure of distributions."""
 _MAX_LABELS = 30
-"""Largest number of rows or columns of a heat map of which each is labelled and each cell shows its value."""
+"""A heat map with more rows or columns labels only some of them and does not print the values of the cells."""
 
 
 def run_and_report(
@@ -103,9 +103,9 @@ def _csv(rows: list[dict[str, Any]]) -> str:
 
 
 def _draw_heat_maps(campaign: Campaign, rows: list[dict[str, Any]], folder: Path) -> list[Path]:
-    """Draw success rate and median settling time over two parameters.
+    """Draw success rate and median settling time over the first two parameters of the grid that have several values.
 
-    These are the first two parameters of the grid with several values. The other parameters have their first value.
+    The other parameters have their first value.
     """
     grid: dict[str, list[Any]] = campaign.description["grid"]
     varied = [name for name, values in grid.items() if len(values) > 1]

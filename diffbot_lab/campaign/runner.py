@@ -27,7 +27,7 @@ from diffbot_sim.robot_step import Case
 _CONNECT_TIMEOUT = 10.0
 """[s] timeout for the connection to the scheduler of a cluster"""
 _RETRIES = 3
-"""Restarts of a pool in a row, after killed workers, without a finished chunk in between."""
+"""Largest number of times in a row that killed workers end a pool before it has finished a chunk."""
 
 
 class Chunk(NamedTuple):
@@ -94,7 +94,7 @@ def run_campaign(campaign: Campaign, journal: Journal, make_executor: Callable[[
             except BrokenExecutor:
                 failures = 1 if len(journal.done) > before else failures + 1
                 if failures > _RETRIES:
-                    text = "the workers keep dying, perhaps for lack of memory: finished chunks are kept"
+                    text = "workers were killed again and again, perhaps for lack of memory; finished chunks are kept"
                     raise DiffbotError(text) from None
 
 

@@ -29,11 +29,11 @@ from diffbot_sim.jit import LIBRARIES, PACKAGES, law_version
 from diffbot_sim.robot_step import EKF, TRUTH, Case
 
 _MAX_CELLS = 10_000
-_LISTS = ("start", "grid", "set")
+_SECTIONS = ("start", "grid", "set")
 _STEPS_PER_CHUNK = 2_000_000
-"""About half a second of one core, which is short enough for the progress bar and for interruptions."""
+"""Steps in one chunk: about half a second on one core, short enough for the progress bar and for interruptions."""
 _RUNS_PER_CHUNK = 100_000
-"""Limit of a worker's memory, which holds the outcomes of all runs of a chunk."""
+"""Largest number of runs in one chunk. It limits the memory of a worker, which holds the outcomes of these runs."""
 
 
 @functools.cache
@@ -95,7 +95,7 @@ def read_campaign(path: Path | None, flags: Mapping[str, Any]) -> Campaign:
     if path is not None:
         content = load_yaml(read_text(path, MAX_BYTES), shown(path), unique_keys=True)
     if not isinstance(content, dict):
-        raise DiffbotError(f"{path}: must be a mapping of keys, found {type(content).__name__}")
+        raise DiffbotError(f"{path} must contain a mapping of keys, but it contains a {type(content).__name__}")
     merged = {**content, **flags}
     for part in ("grid", "set"):
         merged[part] = {**_mapping(part, content.get(part)), **_mapping(part, flags.get(part))}
@@ -108,11 +108,11 @@ def make_campaign(content: Mapping[str, Any]) -> Campaign:
     Raises:
         InvalidValueError: for an unknown key or a value that is not allowed.
     """
-    known = [*CampaignOptions._fields, *_LISTS]
+    known = [*CampaignOptions._fields, *_SECTIONS]
     for key in content:
         if key not in known:
             raise InvalidValueError("key", key, known_name(str(key), known))
-    options = build(CampaignOptions, {key: value for key, value in content.items() if key not in _LISTS})
+    options = build(CampaignOptions, {key: value for key, value in content.items() if key not in _SECTIONS})
     starts = _starts(content.get("start", {"list": [[-2.0, -5.5, math.radians(30.0)]]}))
     fixed, grid = _mapping("set", content.get("set")), _mapping("grid", content.get("grid"))
     for name, values in grid.items():
@@ -151,7 +151,7 @@ def _cells(options: CampaignOptions, fixed: Mapping[str, Any], grid: Mapping[str
 
 
 def _ignored_parameters(feedback: str) -> dict[str, str]:
-    """Return the parameters without effect for this feedback, and the feedback with which they have an effect."""
+    """Return the parameters without effect under this feedback, and the feedback that makes each of them effective."""
     found: dict[str, str] = {}
     if feedback != EKF:
         found |= dict.fromkeys((one.name for one in parameters_of(FilterConfig)), "feedback: ekf")
@@ -164,7 +164,7 @@ def _ignored_parameters(feedback: str) -> dict[str, str]:
 def _starts(start: Any) -> Starts:
     """Read ``{list: [[x, y, theta], ...]}``, ``{box: {x: [low, high], ...}}`` or ``{circle: {radius: ...}}``."""
     if not isinstance(start, dict) or len(start) != 1 or next(iter(start)) not in ("list", "box", "circle"):
-        raise InvalidValueError("start", start, "one of list, box, circle with its values")
+        raise InvalidValueError("start", start, "a mapping with exactly one key: list, box or circle")
     kind, value = next(iter(start.items()))
     if kind == "list":
         if not isinstance(value, list) or not value:
@@ -173,11 +173,11 @@ def _starts(start: Any) -> Starts:
         return Starts(np.array([_numbers("start.list", row, 3, bound) for row in value]))
     if kind == "box":
         keys = ("x", "y", "heading")
-        value = _only("start.box", value, keys)
+        value = _with_keys("start.box", value, keys)
         low, high = np.array([_interval(f"start.box.{key}", value.get(key, [0.0, 0.0])) for key in keys]).T
         half = (0.5 * (high - low)).tolist()
         return Starts(np.array([0.5 * (low + high)]), (half[0], half[1], half[2]))
-    value = _only("start.circle", value, ("radius", "points", "headings"))
+    value = _with_keys("start.circle", value, ("radius", "points", "headings"))
     radius, points = value.get("radius"), value.get("points", 8)
     if not _is_number(radius) or not LENGTH[0] <= radius <= LENGTH[1]:
         raise InvalidValueError("start.circle.radius", radius, f">= {LENGTH[0]:g} and <= {LENGTH[1]:g}")
@@ -215,13 +215,14 @@ def _mapping(name: str, value: Any) -> dict[str, Any]:
     if value is None:
         return {}
     if not isinstance(value, dict) or not all(isinstance(key, str) for key in value):
-        raise InvalidValueError(name, value, "a mapping from parameter names")
+        raise InvalidValueError(name, value, "a mapping of parameter names to values")
     return value
 
 
-def _only(name: str, value: Any, keys: tuple[str, ...]) -> Any:
+def _with_keys(name: str, value: Any, keys: tuple[str, ...]) -> Any:
+    """Return a mapping from YAML. It may contain only ``keys``."""
     if not isinstance(value, dict):
-        raise InvalidValueError(name, value, "a mapping of " + ", ".join(keys))
+        raise InvalidValueError(name, value, "a mapping with the keys " + ", ".join(keys))
     for key in value:
         if key not in keys:
             raise InvalidValueError(f"{name} key", key, "one of " + ", ".join(keys))

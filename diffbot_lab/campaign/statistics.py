@@ -26,7 +26,7 @@ LARGEST = 1e300
 """Larger values, including infinity, count as this value."""
 QUANTILES = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
 METRICS = ("settling_time", "position_error", "heading_error", "path_length", "effort", "switches", "estimation_error")
-"""Quantities that are counted for each run, unless they are nan, as the settling time of a run that did not settle."""
+"""Quantities that are counted for each run. A nan is not counted, e.g. the settling time if a run did not settle."""
 
 _ZERO = -1
 _LOG_BASE = math.log1p(BIN_WIDTH)
@@ -48,7 +48,7 @@ def value_of(key: int) -> float:
 
 
 def quantile(bins: Counter[int], q: float) -> float:
-    """Return the q-quantile, the smallest value that at least a share q of the values does not exceed; nan if empty."""
+    """Return the q-quantile: the smallest value with at least a share q of all values at or below it; nan if empty."""
     total = sum(bins.values())
     if total == 0:
         return math.nan
@@ -62,7 +62,7 @@ def quantile(bins: Counter[int], q: float) -> float:
 
 
 def wilson(successes: int, total: int) -> tuple[float, float]:
-    """Return Wilson's 95 % confidence interval of a share of ``total`` >= 1 trials (E. B. Wilson, JASA 22, 1927)."""
+    """Return Wilson's 95 % confidence interval of a success rate in ``total`` >= 1 trials (JASA 22, 1927)."""
     interval = binomtest(successes, total).proportion_ci(0.95, method="wilson")
     return float(interval.low), float(interval.high)
 

@@ -62,7 +62,7 @@ Floats = NDArray[np.float32]
 ARENA = 3.0
 """multiple of ``start_range`` at which an episode ends"""
 HEADING_WEIGHT = 0.2
-"""[m/rad] weight of the heading error in the reward"""
+"""[m/rad] weight of the heading error in the distance D of the reward"""
 TIME_COST, END_REWARD = 0.1, 10.0
 """[1/s] cost of time; reward at the goal and cost of leaving the arena"""
 MAX_WAIT = 1000
@@ -116,7 +116,7 @@ def distance(pose: Pose) -> float:
 class DiffbotGoalEnv(gymnasium.Env[Floats, Floats]):
     """The environment, see :mod:`environment` for actions, observations and rewards."""
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012 - as gymnasium has it
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012 - gymnasium declares it so
 
     def __init__(
         self,
@@ -130,7 +130,7 @@ class DiffbotGoalEnv(gymnasium.Env[Floats, Floats]):
 
         Args:
             world: plant, sensors and landmarks; None for the paper's robot. :meth:`reset` draws start and seed.
-            feedback: pose of the observations, one of FEEDBACKS: the filter's estimate, the newest fix, or the truth.
+            feedback: pose of the observations: ``ekf``, the filter's estimate; ``raw``, the newest fix; or ``truth``.
             data_sheet: speeds of an action of 1, and the wheel speed limit; None for the paper's robot.
             start_range: [m] bound of |x| and |y| of random starts.
             render_mode: None, or ``rgb_array`` for :meth:`render`.
@@ -175,10 +175,10 @@ class DiffbotGoalEnv(gymnasium.Env[Floats, Floats]):
             InvalidValueError: for a start that is not a pose, or if no pose arrives within MAX_WAIT steps.
         """
         super().reset(seed=seed)
-        begin, noise = draw_episode(self.np_random, self.start_range)
+        begin, noise_seed = draw_episode(self.np_random, self.start_range)
         if options and "start" in options:
             begin = checked_start(options["start"])
-        self.world = self.config._replace(start=begin, seed=noise)
+        self.world = self.config._replace(start=begin, seed=noise_seed)
         self._state = start(self._buffers, Pose(*begin))
         self._sense()
         while not self._state.feedback.known:
@@ -232,7 +232,7 @@ class DiffbotGoalEnv(gymnasium.Env[Floats, Floats]):
         twist = body_twist(self._state.plant.encoder, self.robot.plant.wheels)
         values = np.array(observation_of(self._state.feedback.pose, twist), dtype=np.float32)
         space = self.observation_space
-        clipped: Floats = np.clip(values, space.low, space.high)  # type: ignore[attr-defined] # a Box has them
+        clipped: Floats = np.clip(values, space.low, space.high)  # type: ignore[attr-defined] # the space is a Box
         return clipped
 
     def _info(self, reached: bool) -> dict[str, Any]:
@@ -241,8 +241,8 @@ class DiffbotGoalEnv(gymnasium.Env[Floats, Floats]):
 
 
 def no_pose(feedback: str) -> InvalidValueError:
-    """Return the error of a robot that never receives a pose."""
-    return InvalidValueError("feedback", feedback, f"a feedback with a pose in the first {MAX_WAIT} steps")
+    """Return the error for a robot that received no pose in MAX_WAIT steps."""
+    return InvalidValueError("feedback", feedback, f"a feedback that delivers a pose in the first {MAX_WAIT} steps")
 
 
 def draw_episode(generator: np.random.Generator, start_range: float) -> tuple[StartPose, int]:
@@ -253,7 +253,7 @@ def draw_episode(generator: np.random.Generator, start_range: float) -> tuple[St
 
 
 def checked_actions(action: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Return actions of a ``shape``, clipped to the action space.
+    """Return actions as an array of this ``shape``, clipped to the action space.
 
     Raises:
         InvalidValueError: for another shape, or for numbers that are not finite.
@@ -268,6 +268,6 @@ def checked_start(start: Any) -> StartPose:
     """Return x [m], y [m], theta [rad] as a start pose."""
     values = np.asarray(start, dtype=np.float64)
     if values.shape != (3,) or not (np.abs(values) <= MAX_COORDINATE).all():
-        raise InvalidValueError("start", start, f"x, y, theta, each within {MAX_COORDINATE:g}")
+        raise InvalidValueError("start", start, f"three numbers x, y, theta within +-{MAX_COORDINATE:g}")
     x, y, theta = values.tolist()
     return StartPose(x, y, wrap_angle(theta))

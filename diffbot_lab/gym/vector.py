@@ -8,8 +8,8 @@ Use them as any vector environment::
 
 Up to rounding, the environments behave as those of :mod:`environment` in Gymnasium's SyncVectorEnv. Environment i has
 the seed ``seed + i``. The step after the end of an episode resets the environment and ignores the action
-(AutoresetMode.NEXT_STEP). The first use compiles the loop, which takes a minute or two. Later uses load it
-from a cache.
+(AutoresetMode.NEXT_STEP). The first use compiles the loop, which takes a minute or two. Later uses load the
+compiled loop from a cache.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class Episodes(NamedTuple):
     starts: Any
     """(n, 3) x [m], y [m], theta [rad] in map"""
     noise: Any
-    """(n, purposes, _BLOCK + 1, 4) numbers in [0, 1); row 0 belongs to the last step that is a multiple of _BLOCK"""
+    """(n, purposes, _BLOCK + 1, 4) numbers in [0, 1); row 0 is for the newest step that is a multiple of _BLOCK"""
     steps: Any
     """(n,) number of each robot's present step"""
 
@@ -154,7 +154,7 @@ _compiled_new_fleet, _compiled_add_robot, *_compiled_steps = (
 class DiffbotGoalVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
     """Many environments, see :mod:`vector`."""
 
-    metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012 - as gymnasium has it
+    metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012 - gymnasium declares it so
 
     def __init__(
         self,
@@ -237,7 +237,7 @@ class DiffbotGoalVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         return self._observations(results), results.scores[:, 0].copy(), terminated, truncated, self._infos(results)
 
     def _draw(self, chosen: Indices) -> None:
-        """Draw starts and seeds of episodes."""
+        """Draw the starts and the noise seeds of new episodes."""
         for index in chosen:
             drawn = environment.draw_episode(self._generators[index], self._one.start_range)
             self._episodes.starts[index], self._seeds[index] = drawn

@@ -25,11 +25,11 @@ Array = NDArray[np.float64]
 DURATION = 30.0
 """[s] length of a run; the paper does not state it"""
 EPS_P = 0.5
-"""[m] radius of Omega_L; the paper states no value, but a condition that holds above 0.474 m"""
+"""[m] radius of Omega_L; the paper does not state it, but states a condition that holds above 0.474 m"""
 VANISHING_EPS_P = 0.25
 """[m] radius of Omega_L if the position noise vanishes at the goal, see docs/results/reproduction.md"""
 NEAR_GOAL = 1.0
-"""[m] distance from the goal within which a vanishing position noise decreases"""
+"""[m] distance from the goal below which the position noise of the setting ``vanishing`` decreases"""
 START_A = (-2.0, -5.5, math.radians(30.0))
 """[m, m, rad] start of simulation A"""
 RADIUS_B = 12.0
@@ -39,7 +39,7 @@ HEADINGS_B = (0.0, 220.0)
 XY_TOLERANCE, YAW_TOLERANCE = 0.4, 0.1
 """[m], [rad] tolerances for the settling time"""
 TEXTBOOK_FILTER = FilterConfig(filter=EKF, gate_probability=1.0, detect_correlation=False)
-"""Filter without gate and calibration, since the runs have no faults."""
+"""Filter without gate and calibration, since the runs have no faults. The gate accepts every fix."""
 LAWS = ("law 13", "law 17")
 
 PAPER_END_STATES = {"law 13": (0.0071, -0.0097, 0.7519), "law 17": (0.0028, 0.1049, 0.0066)}
@@ -85,7 +85,10 @@ class Group(NamedTuple):
 
 
 def controller_of(law: str, eps_P: float) -> PaperConfig:
-    """Return the paper's gains with the region of one of LAWS, without hysteresis as in the paper; ``eps_P`` in m."""
+    """Return the configuration of one of LAWS with the paper's gains.
+
+    ``eps_P`` [m] is the radius of Omega_L for law 17. As in the paper, the region has no hysteresis.
+    """
     radius = {"law 13": 0.0, "law 17": eps_P}[law]
     return PaperConfig(eps_P=radius, eps_P_leave=radius)
 
@@ -114,7 +117,7 @@ def starts_of(name: str, heading: float = 0.0) -> Starts:
 QUANTILES = {f"{q:g}": q for q in (0.01, 0.05, 0.5, 0.95, 0.99)}
 """Quantiles by their names in results.json."""
 _TEN_SECONDS = 100
-"""[steps] number of steps in 10 s, for the sampling time of all settings"""
+"""Number of steps in 10 s; all settings have the same sampling time."""
 
 
 def run_experiment(name: str, runs: int, seed: int) -> list[Group]:
@@ -183,7 +186,7 @@ def _summary(group: Group) -> dict[str, Any]:
 
 
 def _rank_of_paper_run(law: str, column: dict[str, Array]) -> dict[str, dict[str, Any]]:
-    """Return the ranks of the paper's end state among the end states of our runs."""
+    """Return the rank of each coordinate of the paper's end state among the end states of our runs."""
     found = {}
     for name, value in zip(("x", "y", "theta"), PAPER_END_STATES[law], strict=True):
         low, high = np.quantile(column[name], (0.01, 0.99))
@@ -234,7 +237,7 @@ def run_and_report(names: tuple[str, ...], runs: int, seed: int, folder: Path) -
 
 
 def heading() -> str:
-    """Return lines with the laws and settings, and their values that are not the defaults of the nodes."""
+    """Return a line for each law and each setting, with the values that are not the defaults of the nodes."""
     lines = [f"{law}: preset paper; {changes(controller_of(law, EPS_P))}" for law in LAWS]
     for one in SETTINGS:
         lines.append(described(f"{one.name}: feedback {one.feedback}", plant=one.plant, sensors=one.sensors))

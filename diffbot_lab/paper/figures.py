@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#999933")
 FIRST_FIGURE = {"law 13": 4, "law 17": 7, "heading 0 deg": 10, "heading 220 deg": 13}
-"""The paper's number of the path figure of each group. The figures of pose and command have the next two numbers."""
+"""Number of the path figure of each group in the paper. The figures of pose and command have the next two numbers."""
 
 
 class Sheet(NamedTuple):
@@ -37,7 +37,7 @@ class Sheet(NamedTuple):
 
 
 def draw_figures(groups: list[Group], folder: Path) -> None:
-    """Draw the three figures of each group to a folder of its setting. On a terminal, show a progress bar.
+    """Draw the three figures of each group into the folder of its setting. On a terminal, show a progress bar.
 
     Raises:
         OSError: if a file cannot be written.

@@ -24,18 +24,18 @@ from diffbot_tools.calibration.kernel import NUMBERS, TERM, WHITE, Filtered, Set
 from diffbot_tools.calibration.quantities import Quantity, quantities_of, search_settings, times_of, with_values
 from diffbot_tools.figures import Consistency, consistency_of
 
-_PERIOD = 0.05
-"""[s] over which odometry is averaged in the search"""
+_AVERAGING_PERIOD = 0.05
+"""[s] period over which odometry is averaged in the search"""
 _BLOCK, _MIN_BLOCKS = 60.0, 6
 """[s] Length of each held-out part, and the smallest number of parts. A shorter drive has shorter parts."""
 _GAIN = 3.0
-"""A model with time-correlated errors is accepted if it increases the log likelihood by this."""
-_LONGEST = 100.0
-"""[s] longest correlation time that is searched"""
-_PERIODS = (0.5, 2.0, 8.0)
-"""Correlation times from which the search starts, in periods of the sensor."""
+"""A model with time-correlated errors is accepted if it increases the log likelihood by at least this."""
+_MAX_CORRELATION_TIME = 100.0
+"""[s] largest correlation time of the search"""
+_CORRELATION_STARTS = (0.5, 2.0, 8.0)
+"""Correlation times at which the search starts, in periods of the sensor."""
 _STARTS = ((None, 0.0), (0.15, 2.0), (0.3, 5.0))
-"""Starts of the search: delay [s] (None: the given delay) and increase of the logarithms of the noise."""
+"""Starts of the search: delay [s] (None: the given delay), and the amount added to the logarithms of the noise."""
 
 
 class HeldOutFigures(NamedTuple):
@@ -52,17 +52,19 @@ class Calibration(NamedTuple):
     drives: list[Events]
     quantities: list[Quantity]
     found: Fit
-    """of all measurements"""
+    """fit of the quantities to all measurements"""
     constants: Array
-    """(6,) means of the constant states"""
+    """(6,) means of the constant states, in the order of CONSTANTS"""
     constants_covariance: Array
     """(6, 6)"""
     biases: list[tuple[float, float]]
     """bias of the gyro at the end of each drive with a gyro, and its standard deviation [rad/s]"""
     settings: Settings
-    """of the search, at the given values, with the priors of the constant states"""
+    """settings of the search, with the given values and the priors of the constant states"""
     before: HeldOutFigures
+    """with the given parameters"""
     after: HeldOutFigures
+    """with the parameters of the fit to the other half"""
 
 
 def calibrate(
@@ -74,26 +76,26 @@ def calibrate(
     """Calibrate a robot.
 
     Args:
-        drives: recorded with one robot.
+        drives: drives of one robot.
         config: given parameters.
         on_evaluation: called after each evaluation of the likelihood, in any thread.
-        on_phase: called with a text for each part of the work that begins.
+        on_phase: called with a text at the start of each part of the work.
     """
     given = settings_of(config)
     settings, quantities = search_settings(given, drives, config), quantities_of(drives, config)
-    coarse = [with_noise_of_neighbours(averaged(one, _PERIOD)) for one in drives]
+    coarse = [with_noise_of_neighbours(averaged(one, _AVERAGING_PERIOD)) for one in drives]
     train = [_every_other(one) for one in coarse]
     measured, seconds = sum(len(one.measurements.time) for one in drives), sum(one.duration for one in drives)
     on_phase(f"{measured} measurements in {seconds:.0f} s; searching {', '.join(one.name for one in quantities)}")
     likelihood = Likelihood(coarse, train, settings, quantities, on_evaluation)
-    first = fit(likelihood, [_start(quantities, *one) for one in _STARTS])
+    first = fit(likelihood, [_start_values(quantities, *one) for one in _STARTS])
     for sensor, name in enumerate(times_of(config)):
         if any((one.measurements.sensor == sensor).any() for one in drives):
             on_phase(f"trying {name}: errors that are correlated in time")
             needed = _GAIN if given.times[sensor] == 0.0 else -math.inf
             likelihood, first = _with_correlation(likelihood, first, name, sensor, needed)
     quantities = likelihood.quantities
-    on_phase("refining with all measurements; constant errors of wheels and landmarks")
+    on_phase("refining with all measurements; estimating constant errors of wheels and landmarks")
     wheels, _ = joined_constants(likelihood, first.values)
     likelihood = likelihood._replace(
         drives=[with_noise_of_wheels(one, wheels[:3], settings.options.separation) for one in likelihood.drives],
@@ -103,7 +105,7 @@ def calibrate(
     ends = likelihood.filtered(found.values)
     on_phase("evaluating the half that was held out")
     held_out, found_settings = [~one for one in train], with_values(settings, quantities, first.values)
-    after = [run_events(with_error_states(one, _sensors(quantities)), found_settings) for one in drives]
+    after = [run_events(with_error_states(one, _correlated_sensors(quantities)), found_settings) for one in drives]
     return Calibration(
         drives,
         quantities,
@@ -123,8 +125,8 @@ def _every_other(events: Events) -> Mask:
     return even
 
 
-def _start(quantities: list[Quantity], delay: float | None, noise: float) -> Array:
-    """Return the values (q,) from which the search starts; sensor noise is increased less than motion noise."""
+def _start_values(quantities: list[Quantity], delay: float | None, noise: float) -> Array:
+    """Return the values (q,) at which the search starts. Sensor noise is increased less than motion noise."""
     start = np.array([one.start + (noise if one.logarithmic else 0.0) for one in quantities])
     for index, one in enumerate(quantities):
         if one.field == "factors":
@@ -134,7 +136,7 @@ def _start(quantities: list[Quantity], delay: float | None, noise: float) -> Arr
     return start
 
 
-def _sensors(quantities: list[Quantity]) -> set[int]:
+def _correlated_sensors(quantities: list[Quantity]) -> set[int]:
     """Return the sensors whose errors are correlated in time."""
     return {one.place[0] for one in quantities if one.field == "times"}
 
@@ -149,11 +151,13 @@ def _with_correlation(white: Likelihood, first: Fit, name: str, sensor: int, nee
     if not gaps.size:
         return white, first
     period = float(np.median(gaps))
-    time = Quantity(name, "times", (sensor,), True, math.log(period), math.log(0.1 * period), math.log(_LONGEST))
+    time = Quantity(
+        name, "times", (sensor,), True, math.log(period), math.log(0.1 * period), math.log(_MAX_CORRELATION_TIME)
+    )
     quantities = [*white.quantities, time]
-    drives = [with_error_states(one, _sensors(quantities)) for one in white.drives]
+    drives = [with_error_states(one, _correlated_sensors(quantities)) for one in white.drives]
     likelihood = white._replace(drives=drives, quantities=quantities)
-    starts = [np.append(first.values, math.log(factor * period)) for factor in _PERIODS]
+    starts = [np.append(first.values, math.log(factor * period)) for factor in _CORRELATION_STARTS]
     costs = [likelihood.cost(one) for one in starts]
     best = int(np.argmin(costs))
     if first.cost - costs[best] < min(needed, 0.0):
@@ -165,7 +169,7 @@ def _with_correlation(white: Likelihood, first: Fit, name: str, sensor: int, nee
 def _held_out_figures(drives: list[Events], filtered: list[Filtered], use: list[Mask]) -> HeldOutFigures:
     """Return the figures of the measurements in ``use``.
 
-    Only innovations of one drive, source and kind are compared with their predecessor.
+    The lag-1 correlation pairs only innovations of the same drive, source and kind.
     """
     rows, sources = [], []
     for drive, (events, one, mask) in enumerate(zip(drives, filtered, use, strict=True)):

@@ -32,7 +32,7 @@ _SAME = 5e-4
 _WIDTH = 2**20
 """[characters] width of a line, large enough that no line is wrapped"""
 _Maps = tuple[CommentedMap, ...]
-"""A map inside others, the outermost first."""
+"""A map and the maps that contain it, outermost first."""
 
 
 def calibrated_file(
@@ -41,18 +41,18 @@ def calibrated_file(
     """Return the text of a parameter file with the values that were found.
 
     A value is replaced where the file has it, in the section that counts for its node, with a note behind it. A value
-    that the file does not have is put at the beginning of the section of its node. Comments, order and all other values
-    stay. A limit of acceleration is only lowered: the file may have a lower one than the base on purpose.
+    that the file does not have is inserted at the beginning of the section of its node. Comments, order and all other
+    values are kept. An acceleration limit is only lowered: a file may set a lower limit than the limit of the base.
 
     Args:
-        path: of the given parameter file.
-        config: of the ekf, from that file.
-        result: of the calibration.
-        latency: of the commands; None if it was not determined.
-        head: becomes the first line, a comment.
+        path: the given parameter file.
+        config: configuration of the ekf in this file.
+        result: result of the calibration.
+        latency: latency of the commands; None if it was not determined.
+        head: text of the first line, which is a comment.
 
     Raises:
-        DiffbotError: in one line, if the file cannot be read.
+        DiffbotError: if the file cannot be read.
     """
     text = read_text(path, MAX_BYTES)
     editor = YAML()
@@ -94,7 +94,7 @@ def _is_same(value: Any, given: Any) -> bool:
 
 def _put(content: CommentedMap, node: str, name: str, value: Any, note: str = "") -> None:
     """Replace a value of a node where the file has it, or add it."""
-    # PyYAML writes 1e-05 so that it reads it as a number again.
+    # PyYAML writes 1e-05 as 1.0e-05, which YAML parsers read as a number.
     new = YAML().load(yaml.safe_dump({name: value}, default_flow_style=True))[name]
     place, before = _find(content, node, name), ""
     if place is None:
@@ -112,12 +112,12 @@ def _put(content: CommentedMap, node: str, name: str, value: Any, note: str = ""
         else:
             maps[-1][key] = new
     for one in maps:
-        one.fa.set_block_style()  # a comment ends a line
+        one.fa.set_block_style()  # in flow style, the note would comment out the values behind it
     _write_note(maps[-1], key, ", ".join(filter(None, ("calibrated", note, before))))
 
 
 def _write_note(values: CommentedMap, key: str, note: str) -> None:
-    """Write a note behind a value, after the comment that is there."""
+    """Write a note behind a value and its comment. Replace the note of an earlier calibration."""
     tokens = values.ca.items.get(key)
     if tokens is None or tokens[2] is None:
         values.yaml_add_eol_comment(note, key)
@@ -129,7 +129,7 @@ def _write_note(values: CommentedMap, key: str, note: str) -> None:
 
 
 def _find(content: CommentedMap, node: str, name: str) -> tuple[_Maps, str] | None:
-    """Return the map and the key of the value that counts for a node: the last one; None if the file has none."""
+    """Return the maps and the key of the last value that applies to a node; None if the file does not set it."""
     found = None
     for section, maps in _sections(content):
         if section in (node, *WILDCARDS):

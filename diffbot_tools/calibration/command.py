@@ -33,11 +33,11 @@ def run(bags: list[Path], params: Path | None, out: Path, until: float, remap: d
     """Calibrate, write the parameter file and print the tables.
 
     Args:
-        bags: of one robot; folders, or .mcap files.
+        bags: bags of one robot, folders or .mcap files.
         params: ROS parameter file; None for ``ekf.yaml`` in the folder of the first bag.
         out: parameter file to write.
         until: length [s] of each drive to use, from its first odometry message.
-        remap: topic in the bags for each input that has another name there.
+        remap: topic in the bags for each input of the filter that has another name in the bags.
 
     Raises:
         DiffbotError: if a file or topic is missing, a parameter is not allowed, ``out`` exists already, or the drives
@@ -68,7 +68,7 @@ def run(bags: list[Path], params: Path | None, out: Path, until: float, remap: d
 
 
 def read_drive(bag: Path, config: EkfNodeConfig, until: float, remap: dict[str, str]) -> tuple[Events, Array]:
-    """Return the events of a bag, and its velocity commands (n, 3): time [s], v and omega; none if it has none.
+    """Return the events of a bag, and its velocity commands (n, 3): time [s], v, omega. The bag may have no commands.
 
     Raises:
         DiffbotError: if the bag cannot be read or the drive is too short.
@@ -77,9 +77,9 @@ def read_drive(bag: Path, config: EkfNodeConfig, until: float, remap: dict[str, 
         names = topics_of(reader, config, remap)
         _check_measured(bag, config, names)
         collected = EventReader(config, names)
-        topics = (*collected.topics, COMMANDS) if COMMANDS in reader.topics else collected.topics
-        found = reader.topics
-        total = sum(found[topic].message_count for topic in topics)
+        recorded = reader.topics
+        topics = (*collected.topics, COMMANDS) if COMMANDS in recorded else collected.topics
+        total = sum(recorded[topic].message_count for topic in topics)
         rows = []
         for message in tqdm(reader.decoded(topics), desc=bag.name, total=total, unit="message", disable=None):
             if message.topic == COMMANDS:
@@ -98,7 +98,7 @@ def _check_measured(bag: Path, config: EkfNodeConfig, names: dict[str, str]) -> 
     """Check that a bag contains measurements of the pose.
 
     Raises:
-        DiffbotError: if it contains none; the text names topics and types that the calibration can use.
+        DiffbotError: if it contains no measurements. The text names the topics and types that the calibration can use.
     """
     types = inputs_of(config)
     sources = config.localization.sources.pose_sources
@@ -124,7 +124,7 @@ def _command(message: Any) -> tuple[float, float, float] | None:
 
 
 def _latency(drives: list[Events], commands: list[Array], delay: float) -> LatencyEstimate | None:
-    """Return the latency of the drive with the smallest standard deviation."""
+    """Return the most certain latency estimate of all drives; None if no drive determines the latency."""
     found = [latency_of(rows, one.odometry, delay) for one, rows in zip(drives, commands, strict=True)]
     known = [one for one in found if one is not None and math.isfinite(one.sigma)]
     return min(known, key=lambda one: one.sigma, default=None)
@@ -140,18 +140,20 @@ def describe(calibration: Calibration, result: CalibrationResult, latency: Laten
         lines.append(f"{'drive_time_constant':28}{'':12}{latency.time_constant:12.3f}")
         lines += [f"{name:28}{'':12}{limit:12.4g}" for name, limit in latency.limits().items()]
     else:
-        lines.append("command_latency and drive_time_constant: not determined; they need abrupt changes of cmd_vel")
+        lines.append(
+            "command_latency and drive_time_constant: not determined; record a drive with abrupt changes of cmd_vel"
+        )
     lines += ["", f"{'held-out half':28}{'before':>12}{'after':>12}"]
     figures: tuple[tuple[str, str, Callable[[HeldOutFigures], float]], ...] = (
         ("log likelihood per number", ".3f", lambda one: one.log_likelihood),
-        ("NIS per number (1)", ".3f", lambda one: one.consistency.nis),
-        ("whiteness, lag 1 (0)", "+.3f", lambda one: one.consistency.correlation),
-        ("  white: within +-", ".3f", lambda one: one.consistency.bound),
+        ("NIS per number (ideal: 1)", ".3f", lambda one: one.consistency.nis),
+        ("whiteness, lag 1 (ideal: 0)", "+.3f", lambda one: one.consistency.correlation),
+        ("  95 % bound if white, +-", ".3f", lambda one: one.consistency.bound),
     )
     for title, form, value in figures:
         before, after = (format(value(one), form) for one in (calibration.before, calibration.after))
         lines.append(f"{title:28}{before:>12}{after:>12}")
     if result.undetermined:
-        lines += ["", "Not determined by this drive, kept as given:"]
+        lines += ["", "Not determined by the drives, kept as given:"]
         lines += [f"  {name}: {manoeuvre}" for name, manoeuvre in result.undetermined]
     return "\n".join(lines)

@@ -25,25 +25,25 @@ from diffbot_tools.refilter import Answer, FilterRun
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-"""(k,) which measurements count"""
+"""(k,) True for the measurements that count"""
 RESET = -1
-"""Kind of an event at which the pose is set; all others are measurements."""
+"""Kind of an event that sets the pose. All other kinds are measurements."""
 FIX_SENSOR, HEADING_SENSOR, LANDMARK_SENSOR, FURTHER_SENSORS = 0, 1, 2, 3
-"""Places of the sensors, in the order of :func:`sources_of`; the last one is the first further source of fixes."""
+"""Indices of the sensors in :func:`sources_of`. The further sources of fixes begin at FURTHER_SENSORS."""
 STATES = 10
-"""Number of states of the filter with all errors; errors of single sources come after them."""
+"""Number of states of the filter with all errors. The errors of single sources are further states."""
 MIN_MEASUREMENTS, MIN_DURATION = 30, 10.0
 """A drive with fewer measurements or a shorter duration [s] is refused."""
 _MAX_GAP = 1000.0
-"""[s] After a longer gap between two odometry messages the filter restarts."""
+"""[s] The filter restarts after a longer gap between two odometry messages."""
 _MAX_ERRORS = 32
 """Largest number of states for the errors of sources."""
 _MAX_RATE_GAP = 5.0
 """The turn rate is unknown during a gap of more than this many periods of the gyro."""
 _NO_RATE, UNKNOWN_RATE = 1e6, 1.0
-"""[rad^2/s^2] Variance of the turn rate in such a gap, and the variance above which a turn rate is unknown."""
+"""[rad^2/s^2] Variance of the turn rate in a gap of the gyro, and the variance above which a turn rate is unknown."""
 _NEIGHBOURS = np.array((1.0, 1.0, 1.0, 0.0, 1.0, 1.0, 1.0)) / 6.0
-"""Weights of the messages before and after a message, for the noise of the message."""
+"""Weights of a message's neighbours in :func:`with_noise_of_neighbours`."""
 _BY_HAND = ""
 """Source of a pose that was set by hand."""
 
@@ -58,9 +58,9 @@ class Odometry(NamedTuple):
     twist: Array
     """(n, 2) v [m/s], omega [rad/s]"""
     covariance: Array
-    """(n, 3) of v, of both, of omega; all zero: unknown"""
+    """(n, 3) variance of v, covariance, variance of omega; all zero if unknown"""
     smooth: Array
-    """(n, 2) twists from which noise and derivatives follow, see :func:`with_noise_of_neighbours`; (0, 2): ``twist``"""
+    """(n, 2) twists for noise and derivatives, see :func:`with_noise_of_neighbours`; (0, 2) to use ``twist``"""
 
 
 class Rates(NamedTuple):
@@ -80,21 +80,21 @@ class Measurements(NamedTuple):
     time: Array
     """(k,) [s]"""
     kind: NDArray[np.int64]
-    """(k,) of :mod:`models`, or RESET"""
+    """(k,) a kind of :mod:`models`, or RESET"""
     sensor: NDArray[np.int64]
-    """(k,) place in :func:`sources_of`; -1 for a pose that was set by hand"""
+    """(k,) index in :func:`sources_of`; -1 for a pose that was set by hand"""
     source: NDArray[np.int64]
-    """(k,) 0, 1, ...: sources whose errors may be correlated in time; each landmark is one"""
+    """(k,) number of the source. Only errors of one source are correlated in time. Each landmark is a source."""
     values: Array
-    """(k, 3) the numbers that the kind has, then zeros"""
+    """(k, 3) measured numbers, padded with zeros"""
     R: Array
-    """(k, 3, 3) their covariance"""
+    """(k, 3, 3) covariance of the values"""
     place: Array
-    """(k, 2) of the landmark [m]"""
+    """(k, 2) position of the landmark [m]"""
     gap: Array
-    """(k,) [s] since the measurement before whose error is in the same states; inf: there is none"""
+    """(k,) [s] time since the previous measurement of the source; inf if its error is not in the states"""
     slot: NDArray[np.int64]
-    """(k,) first of the states that are the errors of the source; -1: they are not states"""
+    """(k,) index of the first state that is an error of the source; -1 if the errors are not states"""
 
 
 class Events(NamedTuple):
@@ -107,16 +107,16 @@ class Events(NamedTuple):
     zero: int
     """[ns] stamp of time 0"""
     errors: int = 0
-    """number of errors of sources that are states, see :func:`with_error_states`"""
+    """number of states for the errors of sources, see :func:`with_error_states`"""
 
     @property
     def duration(self) -> float:
-        """Time [s] of the last odometry."""
+        """Return the time [s] of the last odometry message."""
         return float(self.odometry.end[-1])
 
 
 class Collector:
-    """Replaces a localization: keeps its input, and refuses messages that the filter would drop."""
+    """Replacement of a Localization that stores its input, and refuses messages that the filter would drop."""
 
     def __init__(self, sources: Sequence[str] = (FIXES, HEADINGS, LANDMARKS)) -> None:
         """Create an empty collector for the ``sources`` returned by :func:`sources_of`."""
@@ -129,17 +129,17 @@ class Collector:
         self._keys: set[Key] = set()
 
     def initialise(self, pose: Pose, P: Any, stamp: int | None = None, source: str = _BY_HAND) -> None:
-        """Put the filter at a pose with covariance ``P`` (3, 3), measured by a source."""
+        """Add a reset of the filter to a pose with covariance ``P`` (3, 3), measured by a source."""
         if self._stamp is None:
             self._stamp = stamp
         self.resets.append(Measurement(-1 if self._stamp is None else self._stamp, source, POSE_FIX, np.array(pose), P))
 
     def on_odometry(self, odometry: OdometryStep) -> None:
-        """Add a message.
+        """Add an odometry message.
 
         Raises:
-            BadMessageError: if the filter would not use it.
-            DiffbotError: after a gap at which the filter would start again.
+            BadMessageError: if the filter would drop the message.
+            DiffbotError: after a gap at which the filter would restart.
         """
         if not self.resets:
             raise BadMessageError("no fix yet")
@@ -149,21 +149,23 @@ class Collector:
         if gap <= 0.0:
             raise BadMessageError("odometry out of order or repeated")
         if gap > _MAX_GAP:
-            raise DiffbotError(f"odometry has a gap of {gap:.0f} s: at most {_MAX_GAP:g}")
+            raise DiffbotError(
+                f"odometry has a gap of {gap:.0f} s, but the filter restarts after a gap of more than {_MAX_GAP:g} s"
+            )
         self.segments.append((last, odometry))
 
     def on_gyro(self, sample: GyroSample) -> None:
         """Add a turn rate.
 
         Raises:
-            BadMessageError: if it is not finite.
+            BadMessageError: if the turn rate is not finite.
         """
         if not math.isfinite(sample.rate + sample.variance):
             raise BadMessageError("measurement not finite")
         self.rates.append(sample)
 
     def on_measurements(self, measurements: Iterable[Measurement]) -> list[BadMessageError]:
-        """Add the measurements of a message, and return an error for each that the filter would not use."""
+        """Add the measurements of a message, and return an error for each measurement that the filter would drop."""
         errors = []
         for measurement in measurements:
             try:
@@ -173,10 +175,10 @@ class Collector:
         return errors
 
     def on_measurement(self, measurement: Measurement) -> None:
-        """Add a measurement; the first fix sets the pose.
+        """Add a measurement. The first fix sets the pose.
 
         Raises:
-            BadMessageError: if the filter would not use it.
+            BadMessageError: if the filter would drop the measurement.
         """
         if measurement.source not in self._sources:
             raise BadMessageError("not used by the calibration")
@@ -200,7 +202,7 @@ class Collector:
 
         Args:
             name: name of the drive, for error messages.
-            until: length [s] of the drive to use.
+            until: length [s] of the part to use.
             reasons: why messages were dropped, for error messages.
 
         Raises:
@@ -230,7 +232,7 @@ class EventReader(FilterRun):
     """Collects the events of recorded messages, which it converts as the filter does."""
 
     def __init__(self, config: EkfNodeConfig, topics: dict[str, str]) -> None:
-        """Start empty; arguments as of the base class."""
+        """Create a reader without events. The arguments are those of the base class."""
         super().__init__(config, topics)
         self.localization: Any = Collector(sources_of(config.localization))
 
@@ -255,7 +257,7 @@ def _odometry(segments: list[tuple[int, OdometryStep]], zero: int) -> Odometry:
 
 
 def _rates(samples: list[GyroSample], zero: int) -> Rates:
-    """Integrate the samples; of samples with equal stamps, use the last."""
+    """Integrate the samples. If several samples have the same stamp, use the last of them."""
     rows = {one.stamp: (one.rate, one.variance) for one in samples}
     stamps = sorted(rows)
     time = np.array([(one - zero) * S_PER_NS for one in stamps])
@@ -273,7 +275,7 @@ def _measurements(
     resets: list[Measurement], measured: list[Measurement], zero: int, sources: list[str]
 ) -> Measurements:
     rows = [(one.stamp, 0, RESET, one) for one in resets] + [(one.stamp, 1, one.kind, one) for one in measured]
-    rows.sort(key=lambda row: row[:2])  # stable: measurements stay in their order
+    rows.sort(key=lambda row: row[:2])  # The sort is stable: measurements keep their order.
     count = len(rows)
     values, R, place = np.zeros((count, 3)), np.zeros((count, 3, 3)), np.zeros((count, 2))
     own: dict[Any, int] = {}
@@ -290,15 +292,15 @@ def _measurements(
 
 
 def with_error_states(events: Events, sensors: set[int]) -> Events:
-    """Make the errors of these sensors states of the filter.
+    """Assign states of the filter to the errors of these sensors.
 
-    If there are more landmarks than states, the states are the errors of the landmarks that were measured last. A
+    If there are more landmarks than states, the landmarks that were measured last have states. A
     landmark with measurements of different kinds counts as one source for each kind.
     """
     measured = events.measurements
     slot, gap = np.full_like(measured.slot, -1), np.full_like(measured.gap, np.inf)
     indices = np.flatnonzero(np.isin(measured.sensor, list(sensors))).tolist()
-    # Landmarks come last: a landmark may replace the landmark that was not measured for the longest time.
+    # Landmarks are last: a landmark may replace the landmark that has not been measured for the longest time.
     indices.sort(key=lambda index: measured.kind[index] >= LANDMARK)
     slots: tuple[dict[Any, int], dict[Any, int]] = {}, {}
     newest: dict[Any, float] = {}
@@ -326,7 +328,7 @@ def with_error_states(events: Events, sensors: set[int]) -> Events:
 def averaged(events: Events, period: float) -> Events:
     """Join odometry messages into means over at most ``period`` [s]: fewer steps, nearly the same likelihood.
 
-    A message longer than that stays as it is. The covariance becomes that of the mean of independent errors.
+    Longer messages are kept. The covariance of a mean assumes that the errors of the messages are independent.
     """
     start, end, twist, covariance, _ = events.odometry
     # A new group begins with the message that would make the present one too long.
@@ -344,11 +346,12 @@ def averaged(events: Events, period: float) -> Events:
 
 
 def with_noise_of_neighbours(events: Events) -> Events:
-    """Let the noise of each odometry message, and the derivatives at its twist, follow from its neighbours.
+    """Compute the noise of each odometry message, and the twist for its derivatives, from its neighbours.
 
     The error of an encoder often grows with the speed. A message that measures too large a speed then also has too
     large a variance or derivative. The resulting bias of the wheel radii is about the variance of the relative error,
-    which may exceed the standard deviation of the radii in a long drive. Neighbours have independent errors.
+    which may exceed the standard deviation of the radii in a long drive. The errors of neighbours are independent of
+    the error of the message.
     """
     odometry = events.odometry
     covariance, smooth = (
@@ -358,10 +361,15 @@ def with_noise_of_neighbours(events: Events) -> Events:
 
 
 def with_noise_of_wheels(events: Events, wheel_errors: Array, separation: float) -> Events:
-    """Convert the covariances of odometry messages to the twists that wheels with ``wheel_errors`` (3,) really had.
+    """Convert the covariances of odometry messages to covariances of the true twists.
 
-    A message claims the errors of the twist that it contains. The twist of wheels that are larger has larger errors.
-    ``separation`` is the configured separation of the wheels [m].
+    The covariance in a message describes the twist in the message. If the wheels are larger than configured, the true
+    twist is larger, and so is its error.
+
+    Args:
+        events: events of a drive.
+        wheel_errors: (3,) relative errors of the wheels.
+        separation: configured wheel separation [m].
     """
     x = np.concatenate((np.zeros(WHEELS), wheel_errors))
     J = np.array([with_wheel_errors(one, x, separation) for one in (Twist(1.0, 0.0), Twist(0.0, 1.0))]).T

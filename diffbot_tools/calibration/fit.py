@@ -1,4 +1,4 @@
-"""Maximum of the likelihood of the innovations over bounded quantities, and its curvature."""
+"""Maximise the likelihood of the innovations over bounded quantities, and compute their covariance."""
 
 from __future__ import annotations
 
@@ -16,27 +16,28 @@ from diffbot_tools.calibration.kernel import RATES, TERM, Filtered, Settings, ru
 from diffbot_tools.calibration.quantities import CONSTANTS, Quantity, with_values
 
 _STEP = 0.01
-"""[s] and in logarithms, for the gradient"""
+"""Step for the gradient: [s] for a delay, and the same number for logarithms."""
 _DELAY_STEP, _LOG_STEP = 0.02, 0.1
-"""[s] and in logarithms, for the curvature"""
-_NEWTON_STEPS, _SAME = 4, 0.01
+"""Steps for the curvature: [s] for a delay, and for logarithms."""
+_NEWTON_STEPS, _MIN_REDUCTION = 4, 0.01
 """Largest number of Newton steps, and the smallest reduction of the cost by a step."""
 _THREADS = 2
 _HUGE = 1e12
-_STATES = np.array(list(CONSTANTS.values()))
+"""Cost if the filter breaks down."""
+_CONSTANT_STATES = np.array(list(CONSTANTS.values()))
 _NEAR = 1e-3
-"""A value this near to a bound is at the bound."""
+"""A value within this distance of a bound is at the bound."""
 
 
 class Fit(NamedTuple):
-    """Optimum."""
+    """Values with the largest likelihood."""
 
     values: Array
-    """(q,) of the quantities"""
+    """(q,) values of the quantities"""
     cost: float
-    """negative log likelihood and prior"""
+    """negative log likelihood with the priors"""
     covariance: Array
-    """(q, q) by the curvature of the likelihood; zero rows for quantities at a bound"""
+    """(q, q) inverse of the curvature of the cost, plus a delay's resolution; zero rows for logarithms at a bound"""
     at_bound: list[bool]
 
 
@@ -45,7 +46,7 @@ class Likelihood(NamedTuple):
 
     drives: list[Events]
     use: list[Mask]
-    """a mask (k,) of the measurements that count for each drive"""
+    """mask (k,) of the measurements that count, for each drive"""
     settings: Settings
     quantities: list[Quantity]
     on_evaluation: Callable[[], object]
@@ -69,7 +70,7 @@ class Likelihood(NamedTuple):
 
 
 def fit(likelihood: Likelihood, starts: list[Array]) -> Fit:
-    """Minimise the cost from several starts, and return the best minimum with the curvature there.
+    """Minimise the cost from several starts, and return the best minimum with its covariance.
 
     The likelihood has kinks along the delay, because stamps of messages and measurements differ. A line search may end
     early at a kink. Newton steps, whose derivatives span a wider range, continue from there.
@@ -95,7 +96,7 @@ def fit(likelihood: Likelihood, starts: list[Array]) -> Fit:
         _, gradient = _with_gradient(likelihood, values)
         next_values = np.clip(values - covariance @ gradient, *bounds.T)
         next_cost = likelihood.cost(next_values)
-        if next_cost > cost - _SAME:
+        if next_cost > cost - _MIN_REDUCTION:
             break
         values, cost = next_values, next_cost
         bounded, covariance = _curvature(likelihood, values)
@@ -110,7 +111,7 @@ def fit(likelihood: Likelihood, starts: list[Array]) -> Fit:
 
 
 def _period(events: Events) -> float:
-    """Return the time [s] between messages, or between turn rates if they are more frequent."""
+    """Return the median time [s] between odometry messages, or between turn rates if they are more frequent."""
     message = float(np.median(events.odometry.end - events.odometry.start))
     return min(message, float(np.median(np.diff(events.rates.time)))) if len(events.rates.time) > 0 else message
 
@@ -141,7 +142,7 @@ def _curvature(likelihood: Likelihood, values: Array) -> tuple[list[bool], Array
         bool(value < one.lower + _NEAR or value > one.upper - _NEAR)
         for one, value in zip(quantities, values, strict=True)
     ]
-    # A delay is continuous beyond its bound of 0; the logarithms at their bounds are not determined.
+    # The likelihood is continuous beyond the bound 0 of a delay. A logarithm at its bound is not determined.
     free = [index for index, one in enumerate(bounded) if not (one and quantities[index].logarithmic)]
     covariance = np.zeros((len(values), len(values)))
     if not free:
@@ -156,7 +157,7 @@ def _curvature(likelihood: Likelihood, values: Array) -> tuple[list[bool], Array
         area = 4.0 * steps[free[i]].sum() * steps[free[j]].sum()
         curvature[i, j] = curvature[j, i] = (one[0] - one[1] - one[2] + one[3]) / area
     spread = np.array([quantities[index].spread for index in free])
-    # The curvature may be negative along what the drive does not determine; there the prior alone counts.
+    # The curvature may be negative in directions that the drive does not determine. There, only the prior counts.
     eigenvalues, vectors = np.linalg.eigh(curvature * np.outer(spread, spread))
     inverse = (vectors / (1.0 + np.maximum(eigenvalues, 0.0))) @ vectors.T
     covariance[np.ix_(free, free)] = inverse * np.outer(spread, spread)
@@ -170,7 +171,7 @@ def _step(quantity: Quantity) -> float:
 def constants_of(likelihood: Likelihood, found: Fit) -> tuple[Array, Array]:
     """Return mean (6,) and covariance (6, 6) of the constant states, including the uncertainty of the quantities."""
     mean, P = joined_constants(likelihood, found.values)
-    J = np.zeros((len(_STATES), len(found.values)))
+    J = np.zeros((len(_CONSTANT_STATES), len(found.values)))
     for index in np.flatnonzero(found.covariance.diagonal() > 0.0):
         step = np.zeros(len(found.values))
         step[index] = size = _step(likelihood.quantities[index])
@@ -185,15 +186,15 @@ def joined_constants(likelihood: Likelihood, values: Array) -> tuple[Array, Arra
     All drives start from the same prior. Their information matrices are added, and the prior is counted once.
     """
     options = likelihood.settings.options
-    mean, variances = (np.array(one)[_STATES - WHEELS] for one in (options.errors, options.variances))
+    mean, variances = (np.array(one)[_CONSTANT_STATES - WHEELS] for one in (options.errors, options.variances))
     used = np.flatnonzero(variances > 0.0)
-    places, before = _STATES[used], np.diag(1.0 / variances[used])
+    places, before = _CONSTANT_STATES[used], np.diag(1.0 / variances[used])
     information, weighted = before.copy(), before @ mean[used]
     for one in likelihood.filtered(values):
         total = np.linalg.inv(one.P[np.ix_(places, places)])
         information += total - before
         weighted += total @ one.x[places] - before @ mean[used]
-    P = np.zeros((len(_STATES), len(_STATES)))
+    P = np.zeros((len(_CONSTANT_STATES), len(_CONSTANT_STATES)))
     P[np.ix_(used, used)] = np.linalg.inv(information)
     mean[used] = P[np.ix_(used, used)] @ weighted
     return mean, P

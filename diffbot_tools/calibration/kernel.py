@@ -1,8 +1,8 @@
 """Run the compiled filter over the arrays of a drive and compute the log likelihood of each measurement.
 
-Motion, expected measurements and corrections are those of :mod:`diffbot_control.filter`, compiled as in the simulation.
-The first ten states are the states of the filter with all errors. They are followed by the time-correlated errors of
-single sources.
+The functions of :mod:`diffbot_control.filter` for motion, measurements and corrections are compiled, as in the
+simulation. The first ten states are the states of the filter with all errors. They are followed by the time-correlated
+errors of single sources.
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ from diffbot_sim.jit import compile_kernel
 from diffbot_tools.calibration.events import RESET, STATES, UNKNOWN_RATE, Array, Events, Odometry
 
 NUMBERS, TERM, RATES, WHITE, COLUMNS = 0, 1, 2, 3, 6
-"""Columns of the result: count of numbers; log likelihood; log likelihood of the turn rates since the measurement
-before; whitened innovation (3)."""
+"""Columns of the result: count of numbers; log likelihood; log likelihood of the turn rates since the previous
+measurement; whitened innovation (3 columns)."""
 MAX_DELAY = 0.6
 """[s] largest dead time of the odometry in the search"""
 _LOG_2PI = math.log(2.0 * math.pi)
@@ -55,10 +55,10 @@ compiled = functools.cache(compile_kernel)
 
 
 class Settings(NamedTuple):
-    """Settings of a filter. Sensor noise is a factor on the standard deviations in the events."""
+    """Settings of a filter. The sensor noise is set by factors on the standard deviations in the events."""
 
     options: Options
-    """with all ten states; fixes beyond the gate are weighted, too, and the errors of the wheels are never reset"""
+    """options with all ten states. Wheel errors are never reset. See :func:`_fuse` for measurements beyond the gate."""
     densities: Densities
     by_message: bool
     """use the covariance of odometry messages that have one"""
@@ -66,23 +66,23 @@ class Settings(NamedTuple):
     delay: float
     """[s] dead time of the odometry"""
     times: Any
-    """(s,) array [s]: how long the errors of each sensor last, see :class:`events.Measurements`; 0: independent"""
+    """(s,) [s] correlation time of the errors of each sensor; 0 if the errors are independent"""
     factors: Any
-    """(s + 1, 2) array of factors on the deviations of positions and ranges, and of angles; the last row, for poses
-    that were set by hand, is 1"""
+    """(s + 1, 2) factors on the standard deviations of each sensor: of positions and ranges, and of angles. The last
+    row, for poses that were set by hand, is 1"""
     gyro_factor: float
-    """on the deviation of the turn rates"""
+    """factor on the standard deviation of the turn rates"""
 
 
 class Filtered(NamedTuple):
-    """A drive after the filter."""
+    """Result of filtering a drive."""
 
     result: Array
-    """(k, COLUMNS) figures of each measurement. A reset, or a landmark where the robot stands, has zero numbers."""
+    """(k, COLUMNS) figures of each measurement. NUMBERS is 0 for a reset, and for a landmark at the robot's place."""
     x: Array
     """(n,) states at the end"""
     P: Array
-    """(n, n) their covariance"""
+    """(n, n) covariance of the states at the end"""
 
 
 class _Progress(NamedTuple):
@@ -95,19 +95,19 @@ class _Progress(NamedTuple):
     rated: int
     """index of the last message whose turn rate has corrected the filter; -1 before the first"""
     slip: float
-    """[rad/s^0.5] difference of that turn rate from the wheels' times the root of the message's duration; 0: it was
-    inside the gate"""
+    """[rad/s^0.5] difference between this turn rate and the turn rate of the wheels, times the square root of the
+    message's duration; 0 if the difference was inside the gate"""
     log_likelihood: float
-    """of the turn rates since the measurement before"""
+    """log likelihood of the turn rates since the previous measurement"""
 
 
 def settings_of(config: EkfNodeConfig) -> Settings:
-    """Return the numbers of a configuration."""
+    """Return the settings of a filter for its parameters."""
     localization, odometry = config.localization, config.localization.odometry
     points = tuple(config.landmarks.points().values())
     options = options_of(localization, config.wheels.wheel_separation, points)
     return Settings(
-        # Compiled code would depend on the number of times.
+        # The type of the tuple depends on its length, so each length would be compiled again.
         options._replace(size=STATES, max_radius_error=0.0, max_separation_error=0.0, times=()),
         densities_of(odometry),
         odometry.odometry_noise == MESSAGE,
@@ -132,8 +132,8 @@ def run_events(events: Events, settings: Settings) -> Filtered:
 def _turn_rates(events: Events, settings: Settings) -> Array:
     """Return the mean turn rate [rad/s] of the gyro over each odometry message, and its variance times the duration.
 
-    The variance times the duration of the message [rad^2/s] is inf where the turn rate was not measured. Which turn
-    rates are used does not depend on the delay: otherwise the likelihood would have a step where a delay adds one.
+    The variance times the duration of the message [rad^2/s] is inf where the turn rate was not measured. The choice of
+    the turn rates does not depend on the delay. Otherwise the likelihood would jump where a delay adds a turn rate.
     """
     (start, end, *_), (time, angle, variance) = events.odometry, events.rates
     found = np.full((len(end), 2), (0.0, math.inf))
@@ -152,10 +152,10 @@ def _run_filter(events: Events, rates: Array, x: Array, P: Array, result: Array,
     """Filter a drive whose first measurement is a reset.
 
     Args:
-        events: of the drive.
-        rates: (n, 2) of :func:`_turn_rates`.
+        events: events of the drive.
+        rates: (n, 2) result of :func:`_turn_rates`.
         x: mean (n,) before the first reset, replaced by the mean at the end.
-        P: its covariance (n, n), replaced as well.
+        P: covariance (n, n) before the first reset, replaced by the covariance at the end.
         result: (k, COLUMNS) zeros, filled with the figures of each measurement.
         s: settings.
     """
@@ -183,7 +183,7 @@ def _run_filter(events: Events, rates: Array, x: Array, P: Array, result: Array,
             continue
         expected, inflation = expect(reading, x, P), 1.0
         if slot >= 0:
-            _renew_errors(x, P, expected, slot, math.exp(-max(float(measured.gap[k]), _MIN_DT) / s.times[sensor]))
+            _predict_errors(x, P, expected, slot, math.exp(-max(float(measured.gap[k]), _MIN_DT) / s.times[sensor]))
         elif accepted[source] > -math.inf:
             inflation = inflation_after(now - accepted[source], s.times[sensor])
         if _fuse(x, P, expected, inflation, s, result[k]) <= s.options.gates[m - 1]:
@@ -219,11 +219,11 @@ def _start_errors(P: Array, R: Array, slot: int) -> None:
             P[i, slot + j] = P[slot + j, i] = -R[i, j]
 
 
-def _renew_errors(x: Array, P: Array, expected: Expected, slot: int, c: float) -> None:
-    """Predict the states of the errors of a source, and express a measurement by them.
+def _predict_errors(x: Array, P: Array, expected: Expected, slot: int, c: float) -> None:
+    """Predict the error states of a source, which begin at ``slot``, and add them to the model of a measurement.
 
     Each new error is ``c`` times the previous error plus an independent part, so that its covariance stays R. The
-    states begin at ``slot``. The measurement has no other error, so its R becomes zero.
+    measurement has no other error, so its R becomes zero.
     """
     y, H, R = expected
     m = len(y)
@@ -247,8 +247,8 @@ def _advance(
 ) -> _Progress:
     """Move to ``until`` [s].
 
-    Message k acts from start + delay to end + delay; the first one also before, the last one also after. The turn rate
-    of a whole message corrects the bias of the gyro and the wheels before the message acts, as :func:`ekf.take_rate`.
+    Message k acts from start + delay to end + delay. The first message also acts before, and the last one also after.
+    Before a message acts, its turn rate corrects the gyro bias and the wheel errors, as in :func:`ekf.take_rate`.
     """
     now, message, rated, slip, _ = progress
     last, log_likelihood = len(odometry.end) - 1, 0.0
@@ -279,7 +279,10 @@ def _advance(
 
 
 def _motion_of(odometry: Odometry, index: int, dt: float, rate: TurnRate, slip: float, s: Settings) -> Motion:
-    """Return the motion of ``dt`` [s] of an odometry message whose turn rate is contradicted by ``slip`` [rad/s]."""
+    """Return the motion during ``dt`` [s] of an odometry message.
+
+    ``slip`` [rad/s] is the difference between the turn rates of gyro and wheels, or 0 if it is inside the gate.
+    """
     twist, row = Twist(odometry.twist[index, 0], odometry.twist[index, 1]), odometry.covariance[index]
     if s.by_message and (row[0] != 0.0 or row[1] != 0.0 or row[2] != 0.0):
         share = (odometry.end[index] - odometry.start[index]) / dt
@@ -292,6 +295,6 @@ def _motion_of(odometry: Odometry, index: int, dt: float, rate: TurnRate, slip: 
 
 
 def _smooth(odometry: Odometry, index: int) -> Twist:
-    """Return the twist from which noise and derivatives of an odometry message follow."""
+    """Return the twist at which noise and derivatives of an odometry message are evaluated."""
     source = odometry.smooth if len(odometry.smooth) > 0 else odometry.twist
     return Twist(source[index, 0], source[index, 1])

@@ -1,6 +1,6 @@
 """Estimate the dead time from a velocity command to the motion by least squares of commanded and measured velocities.
 
-The model is the model of the simulated base: a dead time, the acceleration limit of the base driver, and a first-order
+The model equals the simulated base: a dead time, the acceleration limit of the base driver, and a first-order
 lag. Without the acceleration limit, a ramp of one second would add half a second of dead time.
 """
 
@@ -19,16 +19,17 @@ from diffbot_tools.calibration.kernel import compiled
 MAX_LATENCY, _MAX_LAG = 1.0, 1.2
 """[s] largest dead time and time constant"""
 _DEAD_TIMES, _LAG, _LIMITS = (0.05, 0.2, 0.5), 0.1, (0.3, 1.0, 3.0)
-"""[s], [s], [m/s^2] and [rad/s^2] from which the least squares start"""
+"""Start values of the least squares: dead times [s], time constant [s], acceleration limits [m/s^2, rad/s^2]."""
 _MIN_LIMIT, _MAX_LIMIT = 0.05, 20.0
-"""[m/s^2], [rad/s^2] limits of acceleration that are searched"""
+"""[m/s^2], [rad/s^2] smallest and largest acceleration limit of the search"""
 _STEP, _LOG_STEP = 0.02, 0.05
-"""[s] and in logarithms, for the derivatives"""
+"""Steps of the derivatives: [s] for times, and for logarithms."""
 _NO_LAG = 1e-3
 """[s] time constant that counts as 0"""
 _GAIN, _MIN_GAIN = 0.02, 5e-3
 """An acceleration limit is accepted if it explains these shares of the cost and of the variance of a velocity."""
 _MIN_COMMANDS, _MIN_SECONDS = 20, 5.0
+"""Fewest commands and shortest odometry [s] for an estimate."""
 
 
 class LatencyEstimate(NamedTuple):
@@ -56,6 +57,7 @@ class _Drive(NamedTuple):
     """The odometry since the first command."""
 
     commands: Array
+    """(c, 3) time [s], v [m/s], omega [rad/s]"""
     start: Array
     """(n,) [s]"""
     end: Array
@@ -72,7 +74,7 @@ def latency_of(commands: Array, odometry: Odometry, odometry_delay: float) -> La
     Args:
         commands: (n, 3) time [s], v [m/s] and omega [rad/s] of each command, which is held until the next.
         odometry: measured twists.
-        odometry_delay: [s] by which the motion follows the odometry's stamps.
+        odometry_delay: time [s] by which the motion is later than the stamps of the odometry.
 
     Returns:
         None if there are too few commands, too little odometry, or the commands do not change.
@@ -90,12 +92,12 @@ def latency_of(commands: Array, odometry: Odometry, odometry_delay: float) -> La
         return None
     drive = _Drive(commands, start[use], end[use], measured, axes)
     every, limited = tuple(axes), list[int]()
-    most = _fit(drive, every)
+    all_limited = _fit(drive, every)
     for axis in axes:
         without = _fit(drive, tuple(one for one in every if one != axis))
-        if without.cost - most.cost > max(_GAIN * without.cost, 0.5 * _MIN_GAIN * len(drive.start)):
+        if without.cost - all_limited.cost > max(_GAIN * without.cost, 0.5 * _MIN_GAIN * len(drive.start)):
             limited.append(axis)
-    found = most if len(limited) == len(axes) else _fit(drive, tuple(limited))
+    found = all_limited if len(limited) == len(axes) else _fit(drive, tuple(limited))
     period = drive.end - drive.start
     # A lag at its bound of 0 is known, so it does not add to the uncertainty of the dead time.
     jacobian = found.jac if found.x[1] > _NO_LAG else np.delete(found.jac, 1, axis=1)
@@ -130,7 +132,7 @@ def _fit(drive: _Drive, limited: tuple[int, ...]) -> OptimizeResult:
 
 
 def _derivatives(drive: _Drive, limited: tuple[int, ...], x: Array) -> Array:
-    """Return the derivatives (residuals, len(x)) by central differences, wide enough for the kinks at new commands."""
+    """Return the derivatives (residuals, len(x)) by central differences. Wide steps smooth kinks at new commands."""
     steps = np.diag([_STEP, _STEP, *(_LOG_STEP for _ in limited)])
     ends = [(_residuals(drive, limited, x + one), _residuals(drive, limited, x - one)) for one in steps]
     derivatives: Array = np.column_stack([ahead - behind for ahead, behind in ends]) / (2.0 * steps.sum(axis=0))
@@ -159,7 +161,7 @@ def _residuals(drive: _Drive, limited: tuple[int, ...], x: Array) -> Array:
 
 
 def _mean_command(commands: Array, start: Array, end: Array) -> Array:
-    """Return the mean (n, 2) of the held commands over each interval [s]; zero before the first."""
+    """Return the mean (n, 2) of the held commands over each interval [s]. Before the first command, it is zero."""
     times = commands[:, 0]
     distance = np.zeros((len(commands), 2))
     distance[1:] = np.cumsum(commands[:-1, 1:] * np.diff(times)[:, np.newaxis], axis=0)

@@ -1,4 +1,4 @@
-"""The result of a calibration as parameters of the node ``ekf``, and as rows of a table."""
+"""Convert the result of a calibration to parameters of the node ``ekf`` and to rows of a table."""
 
 from __future__ import annotations
 
@@ -52,9 +52,9 @@ _DEVIATIONS: dict[tuple[int, ...], str] = {
     (FIX_SENSOR, 1): "global_pose_sigma_yaw",
     _GYRO: "gyro_sigma",
 }
-"""Parameters of deviations by the index of the factor on them."""
+"""Parameters that are standard deviations, by the index of the factor on them."""
 _FLOOR = 1e-4
-"""[m], [rad] smallest deviation that the filter allows"""
+"""[m], [rad] smallest standard deviation that the filter allows"""
 
 
 class Row(NamedTuple):
@@ -68,7 +68,7 @@ class Row(NamedTuple):
 
 
 class CalibrationResult(NamedTuple):
-    """Parameters to write, and the table."""
+    """Parameters to write, and the content of the table."""
 
     parameters: dict[str, Any]
     rows: list[Row]
@@ -146,7 +146,7 @@ def _measurement_noise(
 ) -> dict[str, Any]:
     """Return the standard deviations of the sensors.
 
-    If the standard deviation of messages with covariances changes, the parameters override their covariances.
+    If a factor changes the noise of messages that contain covariances, the parameters override these covariances.
     """
     if all(abs(factor - 1.0) <= 1e-3 for factor in factors.values()):
         return {}
@@ -167,7 +167,7 @@ def _measurement_noise(
 
 
 def _given_deviations(config: EkfNodeConfig) -> dict[tuple[int, ...], float]:
-    """Return the deviations of messages without covariances, by the index of their factor."""
+    """Return the standard deviations of messages without covariances, by the index of their factor."""
     found = {index: float(getattr(config.noise, name)) for index, name in _DEVIATIONS.items()}
     for sensor, one in enumerate(config.localization.sources.settings(), FURTHER_SENSORS):
         found[sensor, 0], found[sensor, 1] = one.sigma_xy, one.sigma_yaw

@@ -22,8 +22,8 @@ from diffbot_tools.calibration.events import (
 from diffbot_tools.calibration.kernel import MAX_DELAY, Settings
 
 _DOWN, _SPREAD = 0.2, 3.0
-"""Prior standard deviations of the logarithm of a noise or a time. The first one is for motion noise below the given
-noise if only landmarks are measured, because constant errors of the map make the odometry look better than it is."""
+"""Prior standard deviations of the logarithm of a noise or a time. If only landmarks are measured, _DOWN applies to
+motion noise below the given noise: constant errors of the map make the odometry look better than it is."""
 _MAX_LOG, _MAX_FACTOR_LOG = math.log(1e5), math.log(30.0)
 CONSTANTS = {
     "left_radius_error": WHEELS,
@@ -33,31 +33,31 @@ CONSTANTS = {
     "landmark_range_scale": SENSOR + 1,
     "landmark_bearing_offset": SENSOR + 2,
 }
-"""Constant states of the filter by the names of their parameters, and their places in the state."""
+"""Indices of the filter's constant states, by the names of their parameters."""
 _WHEEL_SIGMA = 0.1
-"""Prior deviation of the errors of the wheels in the search."""
+"""Prior standard deviation of the errors of the wheels in the search."""
 
 
 class Quantity(NamedTuple):
     """A number to be estimated by the optimiser: a delay in seconds, or a factor by its logarithm."""
 
     name: str
-    """of a parameter, or of a factor"""
+    """name of a parameter or a factor"""
     field: str
-    """of :class:`kernel.Settings`, or of its densities"""
+    """field of :class:`kernel.Settings`, or of its densities"""
     place: tuple[int, ...]
-    """in that field, if it is an array"""
+    """index in the field; () if the field is a number"""
     logarithmic: bool
     start: float
-    """of the optimisation: the delay, or 0 for the given value"""
+    """start of the search: the given delay, or 0 for the logarithm of a factor"""
     lower: float
     upper: float
     down: float = _SPREAD
-    """deviation of the prior of a logarithm below the start"""
+    """standard deviation of the prior of a logarithm, below the start"""
 
     @property
     def spread(self) -> float:
-        """Return the deviation of the prior."""
+        """Return the standard deviation of the prior."""
         return _SPREAD if self.logarithmic else MAX_DELAY / math.sqrt(12.0)
 
     def penalty(self, value: float) -> float:
@@ -81,7 +81,7 @@ def quantities_of(drives: list[Events], config: EkfNodeConfig) -> list[Quantity]
 
 
 def factors_of(config: EkfNodeConfig) -> dict[str, tuple[int, ...]]:
-    """Return the index of each factor on a deviation: sensor, and 0 for positions and ranges or 1 for angles."""
+    """Return the index of each factor: the sensor, and 0 for positions and ranges or 1 for angles."""
     found: dict[str, tuple[int, ...]] = {
         "heading_factor": (HEADING_SENSOR, 1),
         "range_factor": (LANDMARK_SENSOR, 0),
@@ -95,13 +95,13 @@ def factors_of(config: EkfNodeConfig) -> dict[str, tuple[int, ...]]:
 
 
 def times_of(config: EkfNodeConfig) -> list[str]:
-    """Return names for the correlation times of all sensors, in the order of the parameter ``correlation_times``."""
+    """Return the names of the correlation times of all sensors, in the order of the parameter ``correlation_times``."""
     names = ("fix", "heading", "landmark", *config.localization.sources.pose_sources)
     return [f"{name}{'_' if sensor < FURTHER_SENSORS else ' '}correlation_time" for sensor, name in enumerate(names)]
 
 
 def measures(drives: list[Events], sensor: int, angle: int) -> bool:
-    """True if a sensor measured positions or ranges (``angle`` 0), or angles (1)."""
+    """Return True if a sensor measured positions or ranges (``angle`` 0), or angles (1)."""
     measured = [one.measurements for one in drives]
     kinds = {int(kind) for one in measured for kind in np.unique(one.kind[one.sensor == sensor])} - {RESET}
     return any(is_angle(kind, i) == angle for kind in kinds for i in range(size_of(kind)))
@@ -116,7 +116,7 @@ def _motion_names(drives: list[Events], config: EkfNodeConfig) -> tuple[str, ...
 
 
 def with_values(settings: Settings, quantities: list[Quantity], values: Array) -> Settings:
-    """Return settings with the values of an optimisation; ``settings`` has the given ones."""
+    """Return ``settings``, which has the given values, changed to the ``values`` (q,) of the quantities."""
     changes: dict[str, Any] = {"times": settings.times.copy(), "factors": settings.factors.copy()}
     densities = settings.densities._asdict()
     for one, value in zip(quantities, values.tolist(), strict=True):

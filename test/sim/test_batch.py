@@ -248,7 +248,7 @@ def test_results_are_equal_to_the_bit_for_any_chunks_and_threads(case, monkeypat
     np.testing.assert_array_equal(histories[:, -1, :3], whole[:, :3])
     for size, threads in ((1, 2), (7, 5), (64, 1)):
         monkeypatch.setattr(batch, "_CHUNK", size)
-        monkeypatch.setattr(batch, "_LONG_CHUNK", size)
+        monkeypatch.setattr(batch, "_HISTORY_CHUNK", size)
         np.testing.assert_array_equal(run_batch(case, BOX, 11, 5, 60, threads), whole)
         np.testing.assert_array_equal(run_histories(case, BOX, 11, 5, 60, threads), histories)
         for at in range(60 - size, -1, -size):

@@ -197,7 +197,7 @@ def test_a_campaign_ends_if_its_workers_keep_dying(tmp_path, expected):
         pools.append(ProcessPoolExecutor(1, initializer=_die))
         return pools[-1]
 
-    with pytest.raises(DiffbotError, match="the workers keep dying") as caught:
+    with pytest.raises(DiffbotError, match="workers were killed again and again") as caught:
         run(tmp_path, SMALL, make_executor)
     assert "\n" not in str(caught.value)
     assert 2 <= len(pools) <= 5

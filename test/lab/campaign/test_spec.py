@@ -84,7 +84,7 @@ REFUSED = {
         "feedback: raw\nset: {gate_probability: 0.9}",
         "has an effect only with feedback: ekf",
     ),
-    "not a mapping": ("- 1\n- 2", "must be a mapping of keys, found list"),
+    "not a mapping": ("- 1\n- 2", "must contain a mapping of keys, but it contains a list"),
     "fixes for the true pose": ("feedback: truth\nset: {fix_rate: 1.0}", "feedback: ekf or raw"),
 }
 

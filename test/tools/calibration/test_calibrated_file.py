@@ -84,7 +84,7 @@ def test_a_robot_s_file_stays_complete_with_its_comments(tmp_path):
     assert [" ".join(line.split()) for line in added] == [
         f"# {HEAD}",
         "linear.x.max_acceleration: 0.5 # [m/s^2]; calibrated, 0.9 before",
-        "command_latency: 0.229 # [s], from a pose's stamp to the motion that it causes; "
+        "command_latency: 0.229 # [s], from a pose's stamp to the motion that its command causes; "
         "calibrated, +- 0.014, 0.12 before",
         "drive_time_constant: 0.1 # [s]; calibrated, 0.05 before",
         "odometry_delay: 0.21 # calibrated, +- 0.01",
