@@ -50,7 +50,8 @@ class NoTransforms:
 
     def lookup(self, target: str, source: str, stamp: int) -> Any:
         """Refuse the frame."""
-        raise BadMessageError("wrong frame_id", f"{source[:80]!r}, not {target!r}: use the frame {target!r}, or install tf2_ros")
+        sentence = f"{source[:80]!r}, not {target!r}: use the frame {target!r}, or install tf2_ros"
+        raise BadMessageError("wrong frame_id", sentence)
 
 
 NO_TRANSFORMS = NoTransforms()
