@@ -245,7 +245,7 @@ class Supervisor:
             uncertainty: uncertainty of the pose; by default the pose is assumed exact.
             steady: [s] time of arrival on the steady clock; nan without one.
         """
-        self._pass_time(now, steady)
+        self.pass_time(now, steady)
         dt = self.clock.on_pose(stamp)
         if not self.clock.advances or self._is_overdue():
             command = self._stop_if_overdue()
@@ -266,7 +266,7 @@ class Supervisor:
             steady: [s] time on the steady clock; nan without one.
             must_stop: True if the robot must not move, because the clock of the poses is unreliable.
         """
-        self._pass_time(now, steady)
+        self.pass_time(now, steady)
         lost = self.config.pose_lost_timeout
         command = None
         if 0.0 < lost <= self.clock.silence:
@@ -287,7 +287,8 @@ class Supervisor:
         self.has_failed = True
         return self._follow(GoalEvent.FAULT, reason, dt)
 
-    def _pass_time(self, now: float, steady: float) -> None:
+    def pass_time(self, now: float, steady: float) -> None:
+        """Count the time since the last event, as an event itself; a new goal is one. Arguments as for on_tick()."""
         passed = self.clock.pass_time(now, steady)
         self._since_command = min(self._since_command + passed, MAX_STEP)
         self._since_step = min(self._since_step + passed, MAX_STEP)

@@ -40,6 +40,7 @@ def next_report(nodes, name):
 def test_two_controllers_on_one_cmd_vel_are_logged_once_by_each_and_reported_until_one_ends(nodes, capfd):
     # The topic is remapped, as for a mux. Publishers of cmd_vel itself do not count.
     nodes.peer.publisher(Twist, "cmd_vel")
+    nodes.peer.subscribe(Twist, "cmd_vel_nav")
     mux = ("-r", "cmd_vel:=cmd_vel_nav")
     nodes.add(ControllerNode, arguments=mux)
     other = nodes.add(ControllerNode, {}, ("-r", "__node:=other", *mux))
@@ -62,6 +63,7 @@ def test_two_controllers_on_one_cmd_vel_are_logged_once_by_each_and_reported_unt
 
 def test_a_second_controller_of_the_same_name_is_an_error_after_the_lease(nodes, monkeypatch):
     """Within the lease, DDS still counts the publishers of a killed process."""
+    nodes.peer.subscribe(Twist, "cmd_vel")
     nodes.add(ControllerNode)
     nodes.add(ControllerNode)
     wait_for(nodes, "/controller", "robot: /controller, /controller (the publisher of a killed", DiagnosticStatus.WARN)

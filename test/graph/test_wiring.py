@@ -87,6 +87,7 @@ def test_a_recorder_in_the_same_process_records_the_commands_with_the_type_of_a_
         wait_for_type(nodes, TWIST_STAMPED)
         text = f"subscribed to /cmd_vel [{TWIST_STAMPED}]"
         nodes.peer.spin_until(lambda: "/cmd_vel" in recorder.health.accepted, what="the recorder's subscription")
+    recorder.before_shutdown()
     assert text in capfd.readouterr().err
 
 

@@ -180,6 +180,7 @@ class GoalServer:
 
     def _accept(self, goals: list[Pose], message: Any, request: GoalRequest) -> None:
         supervisor = self._node.supervisor
+        supervisor.pass_time(self._node.now(), time.monotonic())
         if hasattr(message, "poses"):
             path = goals
             if supervisor.config.waypoint_radius > 0.0:  # otherwise the robot reaches each pose with its given heading
