@@ -96,7 +96,6 @@ class Supervisor:
         self.config, self.law = config, law
         self.state = State.IDLE
         self.goals = GoalBook()
-        """records of the goals"""
         self.clock = PoseClock()
         self.goals_ahead: list[Pose] = []
         """the present goal, and the later goals of its path"""
@@ -136,7 +135,6 @@ class Supervisor:
         """number of zero commands that still have to be sent"""
         with errors_of(law):
             self.memory: Any = law.new_memory(config.controller)
-            """memory of the law"""
             self.data_sheet, self.tolerance = law.data_sheet(config.controller), law.tolerance(config.controller)
 
     @property
@@ -175,10 +173,6 @@ class Supervisor:
     def is_beyond_limits(self) -> bool:
         """True if the last command exceeds a bound that was lowered while driving, so that the robot still brakes."""
         return is_beyond(self._command, self.data_sheet)
-
-    def smallest_tolerance(self) -> tuple[float, float]:
-        """Return the smallest tolerances of position [m] and heading [rad] that the present uncertainty allows."""
-        return smallest_tolerance(self.tolerance, self.uncertainty)
 
     def description(self) -> dict[str, str]:
         """Return the law's description of its memory; if the law raises an error, the goal ends at the next event."""
@@ -419,7 +413,7 @@ class Supervisor:
         path = RemainingPath(distance, goals, is_near, is_at_rest_there)
         reason = self._guard.reason_to_give_up(self._since_step, path, self.config.goal_timeout, self.data_sheet)
         if reason and self._is_uncertain:
-            xy, theta = self.smallest_tolerance()
+            xy, theta = smallest_tolerance(self.tolerance, self.uncertainty)
             return f"the estimate is too uncertain: the smallest possible tolerances are {xy:.3g} m and {theta:.3g} rad"
         return reason
 
@@ -445,8 +439,7 @@ class Supervisor:
     def _stop_at_once(self) -> Twist:
         try:
             with errors_of(self.law):
-                passed = self._since_command
-                self.memory = self.law.after_command(self.memory, STOP, passed, self.config.controller)
+                self.memory = self.law.after_command(self.memory, STOP, self._since_command, self.config.controller)
         except LawError as error:
             self.has_failed, self.reason = True, str(error)
             if self.state in WITH_GOAL:

@@ -17,6 +17,7 @@ from diffbot_control.goals import record as goal_record
 from diffbot_control.goals import states
 from diffbot_control.goals.record import GoalBook, GoalRecord
 from diffbot_control.goals.supervisor import Supervisor
+from diffbot_control.law.goal_checker import smallest_tolerance
 from diffbot_control.law.regions import REGION_NAMES
 from diffbot_control.ros.frames import robot_frame
 from diffbot_control.ros.messages.fields import fill_twist, set_stamp
@@ -269,7 +270,7 @@ def _status_values(supervisor: Supervisor) -> dict[str, str]:
         values["distance [m]"] = f"{report.rho:.4f}"
         values["heading error [rad]"] = f"{report.theta:.4f}"
         values["eps_P [m]"] = f"{report.eps_P:.4f}"
-        xy, theta = supervisor.smallest_tolerance()
+        xy, theta = smallest_tolerance(supervisor.tolerance, supervisor.uncertainty)
         values |= {"smallest tolerance [m]": f"{xy:.4f}", "smallest tolerance [rad]": f"{theta:.4f}"}
     if supervisor.waypoints:
         values["waypoint"] = f"{supervisor.waypoint}/{supervisor.waypoints}"

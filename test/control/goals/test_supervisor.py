@@ -20,6 +20,7 @@ from diffbot_control.goals.record import (
 from diffbot_control.goals.states import AT_GOAL as REACHED
 from diffbot_control.goals.states import DRIVING, IDLE, NOT_AT_GOAL, STALE, UNCERTAIN, WAITING
 from diffbot_control.law import PRESETS, PaperConfig, PaperLaw, SwitchingLaw
+from diffbot_control.law.goal_checker import smallest_tolerance
 from diffbot_core.data_sheet import PAPER_DATA_SHEET
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose
@@ -184,7 +185,8 @@ def test_a_tolerance_below_the_uncertainty_is_reported_at_rest_only(uncertainty)
         assert story.state == DRIVING, "far away, near and moving, near and turning"
     # 99 % of a Rayleigh and of a normal distribution.
     expected = 3.0349 * uncertainty.xy, 2.5758 * uncertainty.theta
-    assert story.supervisor.smallest_tolerance() == pytest.approx(expected, rel=1e-4)
+    found = smallest_tolerance(story.supervisor.tolerance, story.supervisor.uncertainty)
+    assert found == pytest.approx(expected, rel=1e-4)
     for _ in range(5):
         story.pose(AT_GOAL, uncertainty=uncertainty)
         assert story.state == UNCERTAIN

@@ -9,6 +9,7 @@ from extremes import assert_finite, extreme_configs
 from diffbot_control.goals import Supervisor, SupervisorConfig
 from diffbot_control.goals.registry import registered_laws, resolve_law
 from diffbot_control.law import paper
+from diffbot_control.law.goal_checker import smallest_tolerance
 from diffbot_control.law.presets import PRECISE, PRESETS, TUNED
 from diffbot_control.law.switching import SwitchingLaw
 from diffbot_core.geometry import MAX_COORDINATE, Pose
@@ -68,7 +69,7 @@ def test_a_law_commands_finite_numbers(name, base, monkeypatch):
         for command, supervisor in drive(config, law, rng):
             report = supervisor.report
             if law is SwitchingLaw:
-                assert_finite((report, supervisor.smallest_tolerance()), values)
+                assert_finite((report, smallest_tolerance(supervisor.tolerance, supervisor.uncertainty)), values)
             # Another law without a Lyapunov function reports nan for it.
             assert_finite((command, report and report._replace(lyapunov=0.0), supervisor.distance_remaining()), values)
             assert not supervisor.has_failed, (supervisor.reason, values)
