@@ -178,8 +178,8 @@ class Supervisor:
         """Return the law's description of its memory; if the law raises an error, the goal ends at the next event."""
         try:
             with errors_of(self.law):
-                described = self.law.describe(self.memory, self.config.controller)
-                return {str(name): str(value) for name, value in described.items()}
+                pairs = self.law.describe(self.memory, self.config.controller).items()
+                return {str(name): str(value) for name, value in pairs}
         except LawError as error:
             self._failure = str(error)
             return {}
@@ -356,9 +356,8 @@ class Supervisor:
         self.waypoint, self.waypoints, self.updates = waypoint, waypoints, 0
         self._waits, self.is_stale, self.reason, self.has_failed = True, False, "", False
         self._since_step = 0.0
-        distance = distance_along(self.pose or goals[0], goals)
-        option, is_known = self.config.goal_timeout, self.pose is not None
-        self._guard.accept(option, distance, len(goals), self.data_sheet, is_known, is_replanned)
+        distance, is_known = distance_along(self.pose or goals[0], goals), self.pose is not None
+        self._guard.accept(self.config.goal_timeout, distance, len(goals), self.data_sheet, is_known, is_replanned)
         self._begin_goal()
 
     def _begin_goal(self) -> None:
