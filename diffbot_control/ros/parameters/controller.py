@@ -74,7 +74,7 @@ class ControllerNodeConfig(NamedTuple):
     cmd_vel_type: Annotated[
         str,
         Spec(
-            "type of the commands; auto: the type to which the base subscribes, Twist while there is no subscription",
+            "type of the commands; auto: the type to which the base subscribes, and no commands without a base",
             choices=(AUTO, *TYPE_WORDS.values()),
             read_only=True,
         ),
