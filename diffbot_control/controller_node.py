@@ -119,8 +119,6 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         before, self.supervisor = self.supervisor, Supervisor(self.config.supervisor, self.supervisor.law)
         # The ends of earlier goals may not be published yet, and a switch may report only changes.
         self.supervisor.goals, self.supervisor.contact = before.goals, before.contact
-        # From this tick on, the supervisor detects that the process was suspended, even before the first pose.
-        self.supervisor.on_tick(self.now(), time.monotonic())
 
     def deactivate(self) -> None:
         """Stop the robot, cancel the goal and stop publishing cmd_vel."""

@@ -13,7 +13,7 @@ from typing import Protocol
 
 from diffbot_core.kinematics import Twist
 
-SETTLED_POLLS = 10
+SETTLED_POLLS = 50
 """Polls in a row that must find the same connections: DDS reports a connection to its two ends at different times."""
 STALLED_CHECKS = 5
 """Checks in a row without an answer before the robot moves on. Until the next answer, it then moves at each check."""
