@@ -1,7 +1,15 @@
 """Lock-step protocol without ROS: when a step is sent, when the robot moves, and with which command."""
 
 from diffbot_core.kinematics import Twist
-from diffbot_sim.lockstep import MAX_STEPS_WITHOUT_FIX, NO_COMMAND, NO_FILTER, NO_FIX, STALLED_CHECKS, LockStep
+from diffbot_sim.lockstep import (
+    MAX_STEPS_WITHOUT_FIX,
+    NO_COMMAND,
+    NO_FILTER,
+    NO_FIX,
+    SETTLED_POLLS,
+    STALLED_CHECKS,
+    LockStep,
+)
 
 STOP = Twist(0.0, 0.0)
 
@@ -57,19 +65,19 @@ def started():
     """Return plant and protocol after the first step was sent."""
     plant = FakePlant()
     lockstep = LockStep(plant)
-    poll(lockstep, 11)
+    poll(lockstep, SETTLED_POLLS + 1)
     assert plant.sent == [0]
     return plant, lockstep
 
 
-def test_the_first_step_is_sent_after_ten_polls_with_the_same_connections():
+def test_the_first_step_is_sent_after_enough_polls_with_the_same_connections():
     plant = FakePlant()
     lockstep = LockStep(plant)
-    poll(lockstep, 10)
+    poll(lockstep, SETTLED_POLLS)
     assert plant.sent == []
     assert set(plant.reports) == {NO_FILTER}
     plant.connected = (2, 1, 0, 0, 1)
-    poll(lockstep, 10)
+    poll(lockstep, SETTLED_POLLS)
     lockstep.on_command(command(9), 0)
     assert plant.sent == plant.moves == []
     poll(lockstep)
@@ -82,7 +90,7 @@ def test_the_first_step_is_sent_after_ten_polls_with_the_same_connections():
 
 def test_the_plant_sends_no_odometry_before_the_first_fix():
     plant = FakePlant(first_fix=7)
-    poll(LockStep(plant), 12)
+    poll(LockStep(plant), SETTLED_POLLS + 2)
     assert plant.truths == [0, 1, 2, 3, 4, 5, 6]
     assert plant.moves == [STOP] * 7
     assert plant.sent == [7]
@@ -92,7 +100,7 @@ def test_the_plant_sends_no_odometry_before_the_first_fix():
 def test_without_fixes_the_wait_ends_and_is_reported_once():
     plant = FakePlant(first_fix=10**9)
     lockstep = LockStep(plant)
-    poll(lockstep, 11 + MAX_STEPS_WITHOUT_FIX // 5)
+    poll(lockstep, SETTLED_POLLS + 1 + MAX_STEPS_WITHOUT_FIX // 5)
     assert plant.sent == [MAX_STEPS_WITHOUT_FIX]
     lockstep.on_command(command(1), plant.stamp)
     assert plant.sent == [MAX_STEPS_WITHOUT_FIX, MAX_STEPS_WITHOUT_FIX + 1]
@@ -153,7 +161,7 @@ def test_after_a_reset_the_protocol_starts_again_and_ignores_old_answers():
     plant.moves.clear()
     lockstep.reset()
     lockstep.on_command(command(50), 0)
-    poll(lockstep, 9)
+    poll(lockstep, SETTLED_POLLS - 1)
     lockstep.on_command(command(51), 0)
     stall(lockstep, 20)
     assert plant.sent == plant.moves == []
