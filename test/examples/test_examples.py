@@ -17,8 +17,8 @@ import diffbot
 from diffbot_tools.cli import main
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-V_MAX = 1.3
-"""[m/s] of the paper's robot"""
+V_MAX, MAX_GAP = 1.3, 500_000_000
+"""[m/s] of the paper's robot; [ns] of true poses, below which the report interpolates"""
 
 
 @pytest.fixture
@@ -74,8 +74,11 @@ def test_the_goal_is_reached_and_the_bag_of_the_drive_is_plotted(tmp_path, run):
     printed = numbers(run(EXAMPLES / "plot_bag.py", "drive"))
     truth, estimates = positions_in(tmp_path / "drive")
     assert abs(truth[max(truth)]) < 0.15
-    # On a busy machine, some stamps are missing.
-    errors = np.abs(list(estimates.values()) - np.interp(list(estimates), list(truth), list(truth.values())))
+    # On a busy machine, some messages are missing. The report does not interpolate true poses over long gaps.
+    times, stamps, places = np.array(list(truth)), np.array(list(estimates)), np.array(list(estimates.values()))
+    after = np.clip(np.searchsorted(times, stamps), 1, len(times) - 1)
+    used = (stamps >= times[0]) & (stamps <= times[-1]) & (times[after] - times[after - 1] <= MAX_GAP)
+    errors = np.abs(places - np.interp(stamps, times, list(truth.values())))[used]
     assert printed[-2:] == pytest.approx([np.median(errors), max(errors)], abs=1e-3)
     assert (tmp_path / "plot_bag.png").is_file()
 
