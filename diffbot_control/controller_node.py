@@ -52,18 +52,22 @@ class PosePublisherWatch:
         self._node, self._topic = node, topic
         self._name = self._status = ""
         """name and newest status of the publishing node"""
+        self._subscription: Any = None
 
     def problem(self) -> str:
         """Return why there is no usable pose. Call this twice a second while the controller waits for a pose."""
         if text := self._node.input_problem(self._topic):
             return text
         topic = self._node.resolve_topic_name(self._topic)
-        names = [name for name in publisher_names(self._node, topic) if name.startswith("/")]
-        if not names:
+        # With several publishers, DDS may report them in another order at each call.
+        name = min((name for name in publisher_names(self._node, topic) if name.startswith("/")), default="")
+        if not name:
             return f"nothing publishes {topic}: start its source, or remap {topic}"
-        if names[0] != self._name:
-            self._name, self._status = names[0], ""
-            self._node.create_subscription(DiagnosticStatus, f"{self._name}/status", self._on_status, LATCHED)
+        if name != self._name:
+            if self._subscription is not None:
+                self._node.destroy_subscription(self._subscription)
+            self._name, self._status, status = name, "", f"{name}/status"
+            self._subscription = self._node.create_subscription(DiagnosticStatus, status, self._on_status, LATCHED)
             return ""  # the latched status arrives before the next call
         if time.monotonic() - self._node.health.last_received.get(self._topic, 0.0) <= _RECENT:
             return f"poses arrive on {topic}, but late or without advancing stamps: compare the clocks"
