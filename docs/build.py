@@ -55,16 +55,17 @@ def states() -> str:
 
 
 def launch_arguments() -> str:
-    """Return the table of the arguments of the launch files."""
-    lines = ["| argument | default | values | meaning |", "|---|---|---|---|"]
+    """Return the list of the arguments of the launch files, with meaning, default and values."""
+    lines = []
     robot, simulation = ({one.name: one for one in arguments} for arguments in (ROBOT, SIMULATION))
     for name, one in (robot | simulation).items():
         defaults = dict.fromkeys(found[name].default for found in (robot, simulation) if name in found)
-        default = " in the simulation, else ".join(f"`{text}`" for text in reversed(defaults) if text)
+        default = " in the simulation, else ".join(text for text in reversed(defaults) if text)
         only = "robot.launch.py only: " if name not in simulation else ""
         only = only or ("simulation.launch.py only: " if name not in robot else "")
-        values = "number" if one.is_number else ", ".join(f"`{word}`" for word in one.choices)
-        lines.append(f"| `{name}` | {default} | {values} | {only}{one.text} |")
+        values = "" if set(one.choices) == {"true", "false"} else "|".join(one.choices)
+        notes = "; ".join(filter(None, (default and f"default {default}", values)))
+        lines.append(f"- `{name}`: {only}{one.text}{f' ({notes})' if notes else ''}")
     return "\n".join(lines)
 
 
