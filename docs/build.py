@@ -73,7 +73,10 @@ def rules() -> str:
     """Return the rules of a contract: the rules for the whole bag, then the rules for a topic."""
     parts = []
     for title, config in (("For the whole bag:", BagRules), ("For a topic:", TopicRules)):
-        entries = [f"- `{one.name}`: {_meaning(one.spec)}" for one in parameters_of(config)]
+        names: dict[str, list[str]] = {}
+        for one in parameters_of(config):
+            names.setdefault(_meaning(one.spec), []).append(f"`{one.name}`")
+        entries = [f"- {', '.join(same)}: {meaning}" for meaning, same in names.items()]
         parts.append("\n".join([title, "", *entries]))
     return "\n\n".join(parts)
 

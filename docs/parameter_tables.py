@@ -7,6 +7,7 @@ parameters must be the same in all of them.
 
 from __future__ import annotations
 
+import math
 import re
 from fnmatch import fnmatchcase
 from typing import Any, NamedTuple
@@ -31,8 +32,8 @@ NODES = {
     "recorder": RecorderConfig,
     "replay": ReplayConfig,
 }
-TECHNICAL_MAXIMUM = 100.0
-"""An upper bound of at least this value only catches mistakes, so the range is not shown."""
+TECHNICAL_MAXIMUM = 10.0
+"""An upper bound of at least this value, or of pi rad, only catches mistakes, so the range is not shown."""
 PAIRS = (("x", "y"), ("left", "right"))
 """Neighbouring parameters whose texts differ in one of these words share an entry."""
 _BLOCK = re.compile(r"(<!--parameters ([\w ]+): ([^>]+)-->\n).*?(<!--/parameters-->)", re.DOTALL)
@@ -102,7 +103,7 @@ def _entry(parameter: Parameter, tuned: dict[str, Any], paper: dict[str, Any], m
     default, unit = _text(tuned.get(name, parameter.default)), spec.unit
     if unit not in ("", "-"):
         default += f" [{unit}]" if default == "empty" else f" {unit}"
-    notes = [_range(parameter, default)]
+    notes = [_range(parameter)]
     if name in paper and tuned.get(name) != paper[name]:
         notes.append(f"paper: {_text(paper[name])}")
     if mark_fixed and spec.read_only:
@@ -131,18 +132,14 @@ def _common_text(first: Entry, second: Entry) -> str:
     return ""
 
 
-def _range(parameter: Parameter, default: str) -> str:
-    """Return the allowed values in one word: ``0..60``, ``0..10|inf``, ``..inf`` or ``tuned|paper``."""
+def _range(parameter: Parameter) -> str:
+    """Return the allowed values in one word: ``0..5`` or ``tuned|paper``."""
     spec = parameter.spec
     if spec.choices:
         return "|".join(spec.choices)
-    if parameter.type not in (float, int):
+    if parameter.type not in (float, int) or spec.maximum >= (math.pi if spec.unit == "rad" else TECHNICAL_MAXIMUM):
         return ""
-    if spec.maximum >= TECHNICAL_MAXIMUM:
-        return "..inf" if spec.allow_inf and not default.startswith("inf") else ""
-    if (spec.minimum, spec.maximum, spec.unit) == (0.0, 1.0, "-"):
-        return ""
-    return f"{spec.minimum:g}..{spec.maximum:g}" + ("|inf" if spec.allow_inf else "")
+    return "" if (spec.minimum, spec.maximum, spec.unit) == (0.0, 1.0, "-") else f"{spec.minimum:g}..{spec.maximum:g}"
 
 
 def _text(value: Any) -> str:
