@@ -44,7 +44,7 @@ class Entry(NamedTuple):
 
     names: tuple[str, ...]
     default: str
-    """default value with its unit"""
+    """default value with its unit; only the unit in brackets if the default is an empty text or list"""
     limits: str
     """range, default of the preset paper, and ``fixed`` for a parameter that cannot be changed"""
     text: str
@@ -52,7 +52,8 @@ class Entry(NamedTuple):
     def paragraph(self) -> str:
         """Return the Markdown of the entry."""
         names = ", ".join(f"**`{name}`**" for name in self.names)
-        return f"{names} {self.default}{f' ({self.limits})' if self.limits else ''}: {self.text}"
+        notes = f"({self.limits})" if self.limits else ""
+        return " ".join(filter(None, (names, self.default, notes))) + f": {self.text}"
 
 
 def with_parameters(page: str) -> str:
@@ -102,7 +103,7 @@ def _entry(parameter: Parameter, tuned: dict[str, Any], paper: dict[str, Any], m
     name, spec = parameter.name, parameter.spec
     default, unit = _text(tuned.get(name, parameter.default)), spec.unit
     if unit not in ("", "-"):
-        default += f" [{unit}]" if default == "empty" else f" {unit}"
+        default += f" {unit}" if default else f"[{unit}]"
     notes = [_range(parameter)]
     if name in paper and tuned.get(name) != paper[name]:
         notes.append(f"paper: {_text(paper[name])}")
@@ -146,5 +147,5 @@ def _text(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if not value and isinstance(value, (str, tuple)):
-        return "empty"
+        return ""
     return f"{value:.6g}" if isinstance(value, float) else str(value)
