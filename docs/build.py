@@ -39,18 +39,18 @@ def tables() -> dict[Path, str]:
 
 
 def launch_arguments() -> str:
-    """Return the list of the arguments of the launch files, with meaning, default and values."""
-    lines = []
+    """Return the arguments of the launch files: those of both files, then those of one file only."""
     robot, simulation = ({one.name: one for one in arguments} for arguments in (ROBOT, SIMULATION))
+    groups: dict[str, list[str]] = {"Both files:": [], "Only robot.launch.py:": [], "Only simulation.launch.py:": []}
     for name, one in (robot | simulation).items():
+        both = name in robot and name in simulation
+        title = "Both files:" if both else f"Only {'robot' if name in robot else 'simulation'}.launch.py:"
         defaults = dict.fromkeys(found[name].default for found in (robot, simulation) if name in found)
         default = " in the simulation, else ".join(text for text in reversed(defaults) if text)
-        only = "robot.launch.py only: " if name not in simulation else ""
-        only = only or ("simulation.launch.py only: " if name not in robot else "")
         values = "" if set(one.choices) == {"true", "false"} else "|".join(one.choices)
         notes = "; ".join(filter(None, (default and f"default {default}", values)))
-        lines.append(f"- `{name}`: {only}{one.text}{f' ({notes})' if notes else ''}")
-    return "\n".join(lines)
+        groups[title].append(f"- `{name}`: {one.text}{f' ({notes})' if notes else ''}")
+    return "\n\n".join("\n".join([title, "", *lines]) for title, lines in groups.items())
 
 
 def rules() -> str:
