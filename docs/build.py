@@ -1,8 +1,8 @@
 """Write the generated parts of docs/: ``python docs/build.py [--check] [--tables]``.
 
 These parts are the Python interface in reference/python.md, the launch arguments in reference/launch.md, the parameters
-in reference/parameters/, the bag rules in reference/bag-check.md, and the output of the commands in the tutorials and
-how-to pages.
+in reference/parameters/, the bag rules in reference/bag-check.md, the table of states in reference/goals.md, and the
+output of the commands in the tutorials and how-to pages.
 
 ``--tables`` skips the output of commands, which takes minutes. ``--check`` does not write, and fails if a page is out
 of date.
@@ -20,22 +20,38 @@ from parameter_tables import with_parameters
 from python_api import python_api
 
 from diffbot_bag.check import BagRules, TopicRules
+from diffbot_control.goals import TABLE, GoalEvent, State
 from diffbot_core.schema import Spec, parameters_of
 from diffbot_tools.bringup import ROBOT, SIMULATION
 
 DOCS = Path(__file__).parent
-_BLOCK = re.compile(r"(<!--(launch|python|rules)-->\n).*?(\n<!--/\2-->)", re.DOTALL)
+_BLOCK = re.compile(r"(<!--(launch|python|rules|states)-->\n).*?(\n<!--/\2-->)", re.DOTALL)
 
 
 def tables() -> dict[Path, str]:
     """Return the current text of each page of the reference."""
-    parts = {"launch": launch_arguments, "python": python_api, "rules": rules}
+    parts = {"launch": launch_arguments, "python": python_api, "rules": rules, "states": states}
 
     def fresh(block: re.Match[str]) -> str:
         return block[1] + parts[block[2]]() + block[3]
 
     pages = sorted((DOCS / "reference").rglob("*.md"))
     return {path: _BLOCK.sub(fresh, with_parameters(path.read_text())) for path in pages}
+
+
+def states() -> str:
+    """Return the table of transitions: for each event and state, the next state, the command and the answer."""
+    lines = ["| event | " + " | ".join(state.value for state in State) + " |", "|---" * (len(State) + 1) + "|"]
+    for event in GoalEvent:
+        cells = []
+        for state in State:
+            parts: list[str] = []
+            if found := TABLE[state].get(event):
+                next_state = found.state.value if found.state is not state else ""
+                parts = [next_state, found.command.value, f"**{found.end}**" if found.end else ""]
+            cells.append("; ".join(part for part in parts if part))
+        lines.append(f"| {event.value} | " + " | ".join(cells) + " |")
+    return "\n".join(lines)
 
 
 def launch_arguments() -> str:

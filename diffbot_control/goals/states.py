@@ -27,7 +27,7 @@ class State(Enum):
 
 
 class GoalEvent(Enum):
-    """Events of the table."""
+    """Events of the table; the documentation uses the values as names."""
 
     GOAL = "goal accepted"
     CANCEL = "cancelled"
