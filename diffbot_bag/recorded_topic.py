@@ -24,7 +24,9 @@ class RecordedTopic:
         self.name, self.type_name, self.channel, self.request, self.fixed = name, type_name, channel, request, fixed
         self.losses = LossCounter(self.publisher_count)
         self.received = 0
-        """number of received messages"""
+        """number of received messages that are recorded, or wait for /clock"""
+        self.dropped = 0
+        """number of messages that were dropped because too many of them waited for /clock"""
         self.checks = 0
         """number of calls of :meth:`check_publishers`"""
         self.unmatched: dict[str, str] = {}
@@ -32,6 +34,11 @@ class RecordedTopic:
         self._subscription: Any = None
         self._subscription_number = 0
         self._receive: Receive = lambda _data, _info: None
+
+    @property
+    def lost(self) -> int:
+        """Number of lost messages."""
+        return self.losses.lost + self.dropped
 
     def publisher_count(self) -> int:
         """Return the number of matched publishers."""

@@ -214,6 +214,8 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         Latched messages are also recorded during a pause, since they are needed to interpret later messages.
         """
         if self._paused and not self._writer.is_latched(topic.channel):
+            topic.received -= 1
+            self.health.counted[f"{topic.name} not recorded during a pause"] += 1
             return
         if not self._simulated:
             self._writer.write(*message)
@@ -221,6 +223,8 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
             self._release(sim_time)
             self._writer.write(*message._replace(log_time=sim_time))
         elif self._held_bytes + len(message.data) > self.config.max_cache_size:
+            topic.received -= 1
+            topic.dropped += 1
             self.health.drop(topic.name, "no /clock yet")
         else:
             # With a log time of 0, the bag would seem to be decades long.
@@ -253,7 +257,7 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         )
 
     def _lost(self) -> int:
-        return self._unwritten + sum(topic.losses.lost for topic in self._topics.values())
+        return self._unwritten + sum(topic.lost for topic in self._topics.values())
 
     def _state(self) -> str:
         if self._error_reported:
@@ -354,7 +358,7 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         self.get_logger().info(f"{self._writer.count} messages, {self._lost()} lost, {self._writer.folder}")
 
     def _custom_data(self) -> dict[str, str]:
-        lost = {f"lost {topic.name}": str(topic.losses.lost) for topic in self._topics.values() if topic.losses.lost}
+        lost = {f"lost {topic.name}": str(topic.lost) for topic in self._topics.values() if topic.lost}
         return {"lost_messages": str(self._lost())} | lost
 
 

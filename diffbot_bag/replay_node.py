@@ -6,6 +6,7 @@ import datetime
 import sys
 import threading
 import time
+import traceback
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
@@ -31,6 +32,8 @@ from diffbot_core.ros.qos import LATCHED, QUEUE
 from diffbot_core.ros.run import run
 from diffbot_core.stamps import NS_PER_S
 
+READ_ERROR, ERROR = "read error", "error"
+"""States in ~/status after a damaged bag, and after an unexpected exception of the player."""
 STATUS_PERIOD = 0.5
 """[s] time between two ~/status messages"""
 KEY_PERIOD = 0.05
@@ -154,8 +157,11 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
             self._state = "stopped" if self._publications.stop.is_set() else "done"
             exit_code = 0
         except DiffbotError as error:
-            self._state = "read error"
+            self._state = READ_ERROR
             self.get_logger().error(str(error))
+        except Exception as error:  # the status must not stay "playing"
+            self._state = ERROR
+            self.get_logger().error("".join(traceback.format_exception(error)))
         finally:
             self.finish(exit_code)
 
@@ -180,7 +186,7 @@ class ReplayNode(DiffbotNode[ReplayConfig]):
             "rounds": str(progress.rounds),
             "rate": f"{progress.rate:g}" if progress.rate else "as fast as possible",
         }
-        level = DiagnosticStatus.ERROR if state == "read error" else DiagnosticStatus.OK
+        level = DiagnosticStatus.ERROR if state in (READ_ERROR, ERROR) else DiagnosticStatus.OK
         self._status.publish(status_message(self.get_fully_qualified_name(), level[0], state, values))
 
     def _end(self) -> None:

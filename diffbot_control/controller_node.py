@@ -50,33 +50,47 @@ class PosePublisherWatch:
     def __init__(self, node: ControllerNode, topic: str) -> None:
         """Store the controller, and the topic of the pose before remapping."""
         self._node, self._topic = node, topic
-        self._name = self._status = ""
-        """name and newest status of the publishing node"""
+        self._name = self._status = self._fault = ""
+        """name of the publishing node, its newest status, and the fault of its inputs while it publishes poses"""
         self._subscription: Any = None
 
     def problem(self) -> str:
         """Return why there is no usable pose. Call this twice a second while the controller waits for a pose."""
         if text := self._node.input_problem(self._topic):
             return text
-        topic = self._node.resolve_topic_name(self._topic)
-        # With several publishers, DDS may report them in another order at each call.
-        name = min((name for name in publisher_names(self._node, topic) if name.startswith("/")), default="")
-        if not name:
+        topic, before = self._node.resolve_topic_name(self._topic), self._name
+        if not self._follow(topic):
             return f"nothing publishes {topic}: start its source, or remap {topic}"
-        if name != self._name:
-            if self._subscription is not None:
-                self._node.destroy_subscription(self._subscription)
-            self._name, self._status, status = name, "", f"{name}/status"
-            self._subscription = self._node.create_subscription(DiagnosticStatus, status, self._on_status, LATCHED)
+        if self._name != before:
             return ""  # the latched status arrives before the next call
         if time.monotonic() - self._node.health.last_received.get(self._topic, 0.0) <= _RECENT:
             return f"poses arrive on {topic}, but late or without advancing stamps: compare the clocks"
         return f"{self._name}: {self._status}" if self._status else f"{self._name} publishes nothing on {topic}"
 
+    def fault(self) -> str:
+        """Return the fault of its inputs that the publishing node reports although it publishes poses; empty for none.
+
+        Call this twice a second while the robot drives.
+        """
+        is_published = self._follow(self._node.resolve_topic_name(self._topic))
+        return f"{self._name}: {self._fault}" if is_published and self._fault else ""
+
+    def _follow(self, topic: str) -> bool:
+        """Subscribe to the status of the node that publishes ``topic``; return False if no node publishes it."""
+        # With several publishers, DDS may report them in another order at each call.
+        name = min((name for name in publisher_names(self._node, topic) if name.startswith("/")), default="")
+        if name and name != self._name:
+            if self._subscription is not None:
+                self._node.destroy_subscription(self._subscription)
+            self._name, self._status, self._fault, status = name, "", "", f"{name}/status"
+            self._subscription = self._node.create_subscription(DiagnosticStatus, status, self._on_status, LATCHED)
+        return bool(name)
+
     def _on_status(self, message: DiagnosticStatus) -> None:
         if message.name == self._name:
-            reason = next((f": {pair.value}" for pair in message.values if pair.key == "reason"), "")
-            self._status = message.message + reason
+            reason = next((pair.value for pair in message.values if pair.key == "reason"), "")
+            self._status = ": ".join(filter(None, (message.message, reason)))
+            self._fault = reason if message.level == DiagnosticStatus.WARN else ""
 
 
 class ControllerNode(ManagedNode[ControllerNodeConfig]):
@@ -291,6 +305,8 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
             waits = supervisor.status in (STALE, WAITING)
             pose_problem = (self._clock_problem() or self._pose_publisher.problem()) if waits else ""
             supervisor.problem = "; ".join(filter(None, (pose_problem, commands.problem)))
+            has_poses = supervisor.goals.present is not None and not waits
+            supervisor.pose_fault = self._pose_publisher.fault() if has_poses else ""
         self.outputs.publish_status(self.supervisor)
 
 

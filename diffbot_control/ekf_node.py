@@ -25,7 +25,15 @@ from diffbot_control.filter.odometry import OdometryStep
 from diffbot_control.filter.state_file import BrokenStateError, StateKeeper
 from diffbot_control.ros.ekf_publishers import EkfPublishers
 from diffbot_control.ros.frames import odometry_frame
-from diffbot_control.ros.input_watch import CONTRADICT, WINDOW, InputWatch
+from diffbot_control.ros.input_watch import (
+    CONTRADICT,
+    CONTRADICTED,
+    RUNNING,
+    SILENT,
+    WAITING,
+    WINDOW,
+    InputWatch,
+)
 from diffbot_control.ros.messages.ekf import EkfInputs, localization_values
 from diffbot_control.ros.messages.fields import measured_ns, pose_in_message, pose_of
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
@@ -43,10 +51,6 @@ from diffbot_core.ros.run import run
 from diffbot_core.stamps import S_PER_NS, ForwardSteps, StampWatch
 from diffbot_core.uncertainty import Uncertainty
 
-WAITING = "waiting for first fix"
-RUNNING = "running"
-SILENT = "no odometry"
-CONTRADICTED = "poses withheld"
 STANDSTILL = "odometry stands still"
 """Reason in /diagnostics if the stamps of the arriving odometry do not advance."""
 _STATUS_PERIOD = 0.5
@@ -163,7 +167,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
 
     def _reason(self, state: str) -> str:
         """Return the reason for a state; empty if there is none."""
-        faults = [] if state in (RUNNING, INACTIVE) else list(self._faults.values())
+        faults = [] if state == INACTIVE else list(self._faults.values())
         if state == CONTRADICTED:
             faults.insert(0, self.localization.contradiction.cause)
         elif state == SILENT and self._is_recent(self._last_arrival):
@@ -184,9 +188,9 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         return f"nothing arrives on {self.resolve_topic_name(topic)}" if age > self.config.sensor_timeout else ""
 
     def _level(self, state: str) -> int:
-        if state in (RUNNING, INACTIVE):
+        if state == INACTIVE or (state == RUNNING and not self._faults):
             return int(DiagnosticStatus.OK[0])
-        return int((DiagnosticStatus.WARN if state == WAITING else DiagnosticStatus.ERROR)[0])
+        return int((DiagnosticStatus.WARN if state in (RUNNING, WAITING) else DiagnosticStatus.ERROR)[0])
 
     def health_level(self) -> tuple[int, str]:
         """Return level and text for /diagnostics; the text begins with the state of the filter."""

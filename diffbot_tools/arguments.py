@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
@@ -139,6 +139,24 @@ def once(flag: str, settings: list[tuple[str, Any]]) -> dict[str, Any]:
             raise InvalidValueError(f"{flag} {name}", value, "given once")
         values[name] = value
     return values
+
+
+def add_remap(parser: argparse.ArgumentParser, names: Callable[[], Collection[str]], text: str) -> None:
+    """Add the option --remap NAME:=TOPIC.
+
+    Args:
+        parser: parser of the command.
+        names: returns the allowed names; it is called if the option is given.
+        text: help of the option.
+    """
+
+    def remapping(word: str) -> tuple[str, str]:
+        (name, found, topic), known = word.partition(":="), names()
+        if not found or not topic or name.lstrip("/") not in known:
+            raise argparse.ArgumentTypeError(f"{word!r}: must be NAME:=TOPIC with NAME one of {', '.join(known)}")
+        return name.lstrip("/"), topic
+
+    parser.add_argument("--remap", type=remapping, nargs="+", default=[], metavar="NAME:=TOPIC", help=text)
 
 
 def add_flags(parser: argparse.ArgumentParser, config_type: type[Any], without: tuple[str, ...] = ()) -> None:

@@ -10,7 +10,7 @@ import os
 import signal
 import sys
 import textwrap
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from diffbot_core.errors import DiffbotError
 from diffbot_core.installed import DISTRIBUTION, entry_points_by_name
 from diffbot_core.launcher import end_on_signals
 from diffbot_core.schema import build, to_dict
-from diffbot_tools.arguments import MAX_SEED, add_flags, check_outputs, duration, once, ros_parameters, whole
+from diffbot_tools.arguments import MAX_SEED, add_flags, add_remap, check_outputs, duration, once, ros_parameters, whole
 from diffbot_tools.bag.command import add_bag
 from diffbot_tools.drive import MAX_DOMAIN, add_drive
 from diffbot_tools.live.command import add_check
@@ -197,7 +197,7 @@ def _add_refilter(commands: Any) -> None:
     refilter.add_argument("--params", type=Path, help="ROS parameter file (default: ekf.yaml in the folder of the bag)")
     refilter.add_argument("--out", type=Path, required=True, help="folder of the new bag, which must not exist")
     refilter.add_argument("--compare", metavar="TOPIC", help="print the errors against the true poses of this topic")
-    _add_remap(refilter)
+    add_remap(refilter, _inputs_of_ekf, "topic in the bag for an input of the ekf, e.g. odom:=/robot1/odom")
     refilter.set_defaults(call=_refilter)
 
 
@@ -213,28 +213,14 @@ def _add_calibrate(commands: Any) -> None:
     calibrate.add_argument(
         "--until", type=duration, default=math.inf, metavar="SECONDS", help="use only the first SECONDS of each drive"
     )
-    _add_remap(calibrate)
+    add_remap(calibrate, _inputs_of_ekf, "topic in the bag for an input of the ekf, e.g. odom:=/robot1/odom")
     calibrate.set_defaults(call=_calibrate)
 
 
-def _add_remap(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--remap",
-        type=_remapping,
-        nargs="+",
-        default=[],
-        metavar="NAME:=TOPIC",
-        help="topic in the bag for an input of the ekf, e.g. odom:=/robot1/odom",
-    )
-
-
-def _remapping(text: str) -> tuple[str, str]:
+def _inputs_of_ekf() -> Collection[str]:
     from diffbot_tools.refilter import INPUTS  # noqa: PLC0415 - loads scipy
 
-    name, found, topic = text.partition(":=")
-    if not found or not topic or name.lstrip("/") not in INPUTS:
-        raise argparse.ArgumentTypeError(f"{text!r}: must be NAME:=TOPIC with NAME one of {', '.join(INPUTS)}")
-    return name.lstrip("/"), topic
+    return INPUTS
 
 
 def _demo(options: argparse.Namespace) -> int:

@@ -69,7 +69,7 @@ def _new(options: argparse.Namespace) -> int:
 
 
 def _ask(parameters: list[Parameter]) -> dict[str, Any]:
-    print("Press Return for the value in brackets, or Ctrl-C to end without a file.")
+    print("Press Return for the value in brackets, ? for an explanation, or Ctrl-C to end without a file.")
     values: dict[str, Any] = {}
     for one in parameters:
         unit = "" if one.spec.unit == "-" else f" [{one.spec.unit}]"
@@ -77,12 +77,24 @@ def _ask(parameters: list[Parameter]) -> dict[str, Any]:
         while one.name not in values:
             try:
                 text = input(f"{one.spec.text}{unit} ({default}): ").strip()
-                values[one.name] = _answer(one, text) if text else one.default
+                if text == "?":
+                    print(f"  {_explanation(one, default)}")
+                else:
+                    values[one.name] = _answer(one, text) if text else one.default
             except EOFError:
                 raise DiffbotError(f"robot new: the input ended before {one.name} was given") from None
             except (DiffbotError, argparse.ArgumentTypeError) as error:
                 print(f"  {error}")
     return values
+
+
+def _explanation(parameter: Parameter, default: Any) -> str:
+    """Return the meaning, the unit, the range and the default of a parameter in words."""
+    spec = parameter.spec
+    if parameter.type is bool:
+        return f"{parameter.name}: y if the robot has {spec.text}, n if not; Return answers {default}"
+    unit = "" if spec.unit == "-" else f" in {spec.unit}"
+    return f"{parameter.name}: {spec.text}{unit}, {spec.bound()}; Return keeps {default}, the value of a small robot"
 
 
 def _answer(parameter: Parameter, text: str) -> Any:

@@ -61,7 +61,7 @@ class GoalRecord(NamedTuple):
     end: str = ""
     """one of ENDS; empty before the end"""
     reason: str = ""
-    """reason of the end; empty if the goal was reached"""
+    """reason of the end; for a reached goal empty, or a fault of the inputs of the filter"""
     elapsed: float = 0.0
     """[s] from the acceptance to the end"""
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any, NamedTuple
 
 from diffbot_control.goals import states
 from diffbot_control.goals.path import distance_along, goals_passed
-from diffbot_control.goals.record import ANONYMOUS, SUSPENSION, GoalBook, GoalRequest
+from diffbot_control.goals.record import ANONYMOUS, REACHED, SUSPENSION, GoalBook, GoalRequest
 from diffbot_control.goals.states import TABLE, WITH_GOAL, GoalEvent, Reaction, State
 from diffbot_control.goals.timing import MAX_STEP, GoalGuard, PoseClock, RemainingPath
 from diffbot_control.law import CONTACT_UNKNOWN, OMEGA_L, Law, Observation, Report, SwitchingConfig, SwitchingLaw
@@ -107,6 +107,8 @@ class Supervisor:
         """contact with the dock: CONTACT_UNKNOWN, NO_CONTACT or CONTACT"""
         self.problem = ""
         """what keeps the robot from driving, set by the caller; it is added to the reason of a goal that is given up"""
+        self.pose_fault = ""
+        """fault of the inputs of the filter, set by the caller; it is the reason of a goal that is reached meanwhile"""
         self.report: Report | None = None
         self.reason = ""
         """why the last goal was not reached; empty if it was reached, or has not ended"""
@@ -326,7 +328,8 @@ class Supervisor:
             reason = "; ".join(filter(None, (reason, self.problem)))
         self.is_stale = self.is_stale or event is GoalEvent.OVERDUE
         if transition.end:
-            self.goals.close(transition.end, reason, self._guard.age)
+            doubt = self.pose_fault if transition.end == REACHED else ""
+            self.goals.close(transition.end, reason or doubt, self._guard.age)
         self._text = transition.text or self._text
         if self.state not in WITH_GOAL:
             self.reason = reason or self.reason

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from diffbot_control.filter.odometry_check import Agreement, OdometryCheck
 from diffbot_core.stamps import RelativeClocks
 
+WAITING, RUNNING, SILENT, CONTRADICTED = "waiting for first fix", "running", "no odometry", "poses withheld"
+"""States of the ekf in ~/status; in SILENT and CONTRADICTED it publishes no pose."""
 WINDOW = 2.0
 """[s] duration of the windows in which the clocks of the inputs are compared"""
 _MAX_OFFSET, _MAX_OFFSET_SIMULATED = 0.1, 0.5

@@ -130,6 +130,8 @@ class Sensor(ABC):
 class FixSensor(Sensor):
     """One source of fixes. If the deviation of the heading is pi or more, only the position of a fix is used."""
 
+    usual_delay = 0.1
+
     def __init__(self, topic: str, source: str, noise: KnownNoise, frame: str, delay: float) -> None:
         """Create the sensor; ``source`` is its name in the filter, ``delay`` [s] the time from a fix to its stamp."""
         super().__init__(topic, POSE_MESSAGE, noise, frame)

@@ -17,13 +17,15 @@ from ruamel.yaml.error import YAMLError
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.errors import DiffbotError, shown
 from diffbot_core.files import read_text
-from diffbot_core.schema import to_dict
+from diffbot_core.schema import DISTANCE, to_dict
 from diffbot_core.yaml_files import MAX_BYTES, PARAMETERS, WILDCARDS
 from diffbot_tools.calibration.latency import LatencyEstimate
 from diffbot_tools.calibration.parameters import CalibrationResult
 from diffbot_tools.parameter_file import EKF
 
-_CONTROLLER = "controller"
+_CONTROLLER, _PLANT = "controller", "plant"
+_SIMULATED = {"global_pose_sigma_xy": ("eps_xy_max", DISTANCE[1]), "global_pose_sigma_yaw": ("eps_theta_max", math.pi)}
+"""Parameter of the plant that sets each deviation in the simulation, and its maximum."""
 _MARKED = re.compile(r"(; |# ?)calibrated\b.*")
 """note of an earlier calibration behind a value"""
 _HEAD = re.compile(r"# Calibrated from .* by diffbot calibrate\.\n")
@@ -43,6 +45,7 @@ def calibrated_file(
     A value is replaced where the file has it, in the section that counts for its node, with a note behind it. A value
     that the file does not have is inserted at the beginning of the section of its node. Comments, order and all other
     values are kept. An acceleration limit is only lowered: a file may set a lower limit than the limit of the base.
+    If the file describes the global_pose of a simulated robot, its errors follow the deviations that were found.
 
     Args:
         path: the given parameter file.
@@ -71,6 +74,10 @@ def calibrated_file(
     for name, value in reversed(result.parameters.items()):
         if not _is_same(value, given[name]):
             _put(content, EKF, name, value, notes.get(name, ""))
+            simulated, maximum = _SIMULATED.get(name, ("", 0.0))
+            if simulated and _find(content, _PLANT, simulated) is not None:
+                # The errors are uniformly distributed.
+                _put(content, _PLANT, simulated, float(f"{min(math.sqrt(3.0) * value, maximum):.4g}"))
     if latency is not None:
         for name, limit in latency.limits().items():
             maps, key = _find(content, _CONTROLLER, name) or ((CommentedMap(),), "")

@@ -139,10 +139,6 @@ def describe(calibration: Calibration, result: CalibrationResult, latency: Laten
         lines.append(f"{'command_latency':28}{'':12}{latency.dead_time:12.3f}{latency.sigma:12.2g}")
         lines.append(f"{'drive_time_constant':28}{'':12}{latency.time_constant:12.3f}")
         lines += [f"{name:28}{'':12}{limit:12.4g}" for name, limit in latency.limits().items()]
-    else:
-        lines.append(
-            "command_latency and drive_time_constant: not determined; record a drive with abrupt changes of cmd_vel"
-        )
     lines += ["", f"{'held-out half':28}{'before':>12}{'after':>12}"]
     figures: tuple[tuple[str, str, Callable[[HeldOutFigures], float]], ...] = (
         ("log likelihood per number", ".3f", lambda one: one.log_likelihood),
@@ -153,7 +149,11 @@ def describe(calibration: Calibration, result: CalibrationResult, latency: Laten
     for title, form, value in figures:
         before, after = (format(value(one), form) for one in (calibration.before, calibration.after))
         lines.append(f"{title:28}{before:>12}{after:>12}")
-    if result.undetermined:
+    undetermined = list(result.undetermined)
+    if latency is None:
+        remedy = f"record {COMMANDS}, and change its speeds abruptly"
+        undetermined += [(name, remedy) for name in ("command_latency", "drive_time_constant")]
+    if undetermined:
         lines += ["", "Not determined by the drives, kept as given:"]
-        lines += [f"  {name}: {manoeuvre}" for name, manoeuvre in result.undetermined]
+        lines += [f"  {name}: {manoeuvre}" for name, manoeuvre in undetermined]
     return "\n".join(lines)

@@ -9,7 +9,7 @@ import numpy as np
 
 from diffbot_control.filter.config import CALIBRATING, FNN, FNN_CALIBRATING
 from diffbot_control.filter.models import WHEELS, is_angle, size_of
-from diffbot_control.filter.odometry import MOTION
+from diffbot_control.filter.odometry import MOTION, Densities
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.schema import parameters_of, to_dict
 from diffbot_tools.calibration.calibrate import Calibration
@@ -28,6 +28,10 @@ from diffbot_tools.calibration.quantities import CONSTANTS
 
 UNDETERMINED = 0.7
 """A number is not determined if its standard deviation exceeds this share of its prior standard deviation."""
+_DOUBLE, _DIFFERENT = math.log(2.0), 2.0
+"""A noise of the motion whose logarithm has a larger standard deviation than this is not determined either, unless the
+given value is more than this many standard deviations away."""
+_ROUGH = "only its order of magnitude is determined"
 SPOT, STRAIGHT, EIGHT, STAND, NEAR_FAR, MORE = (
     "turn on the spot, several turns each way",
     "drive straight lines of several metres, both ways",
@@ -86,10 +90,13 @@ def result_of(calibration: Calibration, config: EkfNodeConfig) -> CalibrationRes
     for one, value, sigma, bounded in zip(
         calibration.quantities, fit.values.tolist(), deviations, fit.at_bound, strict=True
     ):
+        rough = one.field in Densities._fields and sigma > _DOUBLE
         known = bounded or sigma <= UNDETERMINED * one.spread
+        if rough and not bounded and abs(value - one.start) <= _DIFFERENT * sigma:
+            known = False
         if not known:
             found.undetermined.append((one.name, MANOEUVRES.get(one.name, MORE)))
-        note = "at its bound" if bounded else "" if known else "not determined"
+        note = "at its bound" if bounded else "not determined" if not known else _ROUGH if rough else ""
         before, after = 1.0, value if known else one.start
         after = math.exp(after) if one.logarithmic else after
         if one.field.endswith(_FACTORS):

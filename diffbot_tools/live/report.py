@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
+from diffbot_control.filter.config import GLOBAL_POSE
+from diffbot_control.goals import states as goal_states
+from diffbot_control.ros.input_watch import CONTRADICTED, SILENT, WAITING
 from diffbot_control.ros.sensors import DockSensor, FixSensor, LandmarkSensor
 from diffbot_core.endpoints import (
     AUTO,
@@ -22,6 +25,14 @@ _MAX_AHEAD, _MAX_BEHIND = 0.1, 1.0
 """[s] largest times by which stamps may be ahead of the clock and behind the clock; correct stamps are never ahead"""
 _MAX_REPEATED = 0.2
 """largest share of messages without a later stamp"""
+_REMEDIES = {
+    WAITING: "it has no start pose: publish a fix, or set the pose on initialpose (2D Pose Estimate in RViz)",
+    SILENT: "it receives no odometry: look at the driver of the base",
+    CONTRADICTED: "it publishes no pose: its inputs contradict each other",
+    goal_states.WAITING: "it receives no pose: look at the ekf",
+    goal_states.STALE: "it receives no pose: look at the ekf",
+}
+"""What to do about a node in a state in which the robot cannot drive."""
 
 
 class TopicGraph(NamedTuple):
@@ -89,20 +100,33 @@ def input_lines(
     required = {source, *(["imu"] if "imu" in sensors else [])}
     if not any(streams.stream(name).arrivals for name in fixes):
         required.update(fixes)
+    # Every ekf subscribes to global_pose and heading. A parameter configures each of the other sensors.
+    configured = required | (sensors.keys() - {GLOBAL_POSE, "heading"})
+    if streams.config.noise.heading_sigma > 0.0:
+        configured.add("heading")
     names = [source, *(name for name in graphs if name != source)]
     # The ekf reads only one of odom and joint_states.
     unused = {"odom", "joint_states"} - {source, *sensors}
     shown = [name for name in names if name not in unused and (name in required or graphs[name].publishers)]
-    return [_input_line(name, graphs[name], streams, robot, duration) for name in shown]
+    return [
+        _input_line(name, graphs[name], streams, robot, duration, is_configured=name in configured) for name in shown
+    ]
 
 
-def _input_line(name: str, graph: TopicGraph, streams: Streams, robot: ObservedRobot, duration: float) -> Line:
+def _input_line(
+    name: str, graph: TopicGraph, streams: Streams, robot: ObservedRobot, duration: float, *, is_configured: bool
+) -> Line:
     stream, source, faults = streams.stream(name), streams.config.odometry_source, streams.faults()
     ekf = Endpoint("/ekf", graph.type, streams.config.reliable_inputs)
     is_subscribed = any(one.node == robot.ekf for one in graph.subscriptions)
     todo = unmatched(graph, graph.subscriptions if is_subscribed else [*graph.subscriptions, ekf])
+    notes = [stream.note] if stream.note else []
     if not stream.arrivals and not todo:
-        todo.append(f"no message was received from {_nodes(graph.publishers)}: look at its log and its device")
+        silence = f"no message was received from {_nodes(graph.publishers)}"
+        if is_configured:
+            todo.append(f"{silence}: look at its log and its device")
+        else:
+            notes.append(f"{silence}: the sensor may be switched off, and the ekf does not need it")
     todo += stream_problems(graph.topic, stream, is_latched=graph.is_latched)
     todo += [faults[name]] if name in faults else []
     if name == source:
@@ -115,8 +139,7 @@ def _input_line(name: str, graph: TopicGraph, streams: Streams, robot: ObservedR
             )
     if name == source == "odom":
         todo += too_many_publishers(graph, "measure the motion")
-    notes = [stream.note] if stream.note else []
-    if name not in streams.sensors and name != source:
+    if stream.arrivals and name not in streams.sensors and name != source:
         notes.insert(0, "the ekf does not use it" + (": set use_gyro" if name == "imu" else ""))
     return Line(graph.topic, facts_of(graph, stream, duration), tuple(dict.fromkeys(todo)), tuple(notes))
 
@@ -190,6 +213,11 @@ def node_lines(
         if count > 1:
             new.insert(0, f"{count} nodes have this name: end all but one (ps, or ros2 node list)")
         notes = [] if count else [f"start it: diffbot run {name.rpartition('/')[2]}, or both: diffbot run robot"]
+        if level and state in _REMEDIES and not new:
+            if problems:
+                notes.append("a line above names the cause")
+            else:
+                new.append(_REMEDIES[state])
         if name in unread:
             notes.append(
                 "its parameters could not be read; the parameter file or the defaults were assumed: check again"
@@ -227,10 +255,16 @@ def _nodes(endpoints: Iterable[Endpoint]) -> str:
 
 
 def unmatched(graph: TopicGraph, subscriptions: Iterable[Endpoint]) -> list[str]:
-    """Return why subscriptions of nodes other than observers receive nothing, each reason once."""
+    """Return why nodes other than observers miss the messages of a publisher, each reason once."""
     robots = [one for one in subscriptions if not is_observer(one.node)]
-    problems = [input_problem(graph.topic, one, graph.publishers, graph.elsewhere) for one in robots]
-    return list(dict.fromkeys(filter(None, problems)))
+    problems = []
+    for source in [[one] for one in graph.publishers] or [[]]:
+        for node in dict.fromkeys(one.node for one in robots):
+            # Two subscriptions of one node may differ, such as the latched one of the ekf before the first fix.
+            own = [one for one in robots if one.node == node]
+            found = [input_problem(graph.topic, one, source, graph.elsewhere) for one in own]
+            problems += found[:1] if all(found) else []
+    return list(dict.fromkeys(problems))
 
 
 def too_many_publishers(graph: TopicGraph, role: str) -> list[str]:

@@ -7,6 +7,7 @@ from array import array
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -196,20 +197,26 @@ class BagRun(NamedTuple):
 
 
 @np.errstate(all="ignore")
-def read_bag(path: Path, config: SwitchingConfig | None = None, is_from_goal: bool = False) -> BagRun:
+def read_bag(
+    path: Path,
+    config: SwitchingConfig | None = None,
+    is_from_goal: bool = False,
+    remap: Mapping[str, str] = MappingProxyType({}),
+) -> BagRun:
     """Read a bag, with a progress bar on a terminal.
 
     Args:
         path: folder or .mcap file.
         config: tolerances and limits to draw; None for the recorded parameters, and ``tuned`` for missing ones.
         is_from_goal: set time 0 at the first goal, if there is one, instead of at the first pose.
+        remap: topic in the bag by the name of a topic in ROLES, for topics whose names differ.
 
     Raises:
-        DiffbotError: if the bag cannot be read, or has no pose of a robot.
+        DiffbotError: if the bag cannot be read, has no pose of a robot, or lacks a remapped topic.
     """
     with open_bag(path) as reader:
         types = {topic.name: topic.type for topic in reader.topics.values() if topic.encoding == "cdr"}
-        found = robots_in(types)
+        found = robots_in(types, remap)
         origin, offset = _clock_of(reader, types, found)
         run = _read(reader, types, found, origin, offset, config)
         starts = [goal.time for robot in run.robots for goal in robot.model.goals.goals if not goal.is_earlier]
@@ -269,19 +276,29 @@ def _read(
     return BagRun(title, origin, robots, list(info.topics), info.message_count, lost, is_cut_off, malformed)
 
 
-def robots_in(types: Mapping[str, str]) -> dict[str, Roles]:
+def robots_in(types: Mapping[str, str], remap: Mapping[str, str] = MappingProxyType({})) -> dict[str, Roles]:
     """Return the topics of each robot of a bag by its namespace, such as ``/robot1``.
 
     If no topic has a known name, each topic with a pose is a robot.
 
     Args:
         types: type of each topic by its name.
+        remap: topic by the name of a topic in ROLES; these topics belong to the robot without a namespace.
+
+    Raises:
+        DiffbotError: if a remapped topic is missing or has another type.
     """
     found: dict[str, Roles] = {}
+    remapped = {name: "/" + topic.lstrip("/") for name, topic in remap.items()}
     for role, (names, role_types) in ROLES.items():
         for name in names:
+            if (given := remapped.get(name)) is not None:
+                if types.get(given) not in role_types:
+                    kind = f"has the type {types[given]}" if given in types else "is not in the bag"
+                    raise DiffbotError(f"--remap: {given} {kind}; {name} must be {' or '.join(role_types)}")
+                found.setdefault("", {})[role] = given
             for topic, type_name in types.items():
-                if type_name in role_types and topic.endswith(f"/{name}"):
+                if type_name in role_types and topic.endswith(f"/{name}") and topic not in remapped.values():
                     found.setdefault(topic[: -len(name) - 1], {}).setdefault(role, topic)
     # A bag with /odom and /odometry/filtered has one robot: /odometry is not a namespace.
     for space in sorted(found, key=len, reverse=True):

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from diffbot_core.errors import DiffbotError
+from diffbot_tools.arguments import add_remap, once
 
 MAX_BAGS = 3
 """Largest number of bags in one report."""
@@ -32,7 +33,14 @@ def add_report(commands: Any) -> None:
     )
     report.add_argument("--csv", action="store_true", help="also write a table beside the page")
     report.add_argument("--tum", action="store_true", help="also write trajectories for evo beside the page")
+    add_remap(report, _names, "topic in the bags for a topic that the page shows, e.g. odom:=/base/odom")
     report.set_defaults(call=_call)
+
+
+def _names() -> Collection[str]:
+    from diffbot_tools.view.bag_source import ROLES  # noqa: PLC0415
+
+    return [name for names, _ in ROLES.values() for name in names]
 
 
 def _call(options: argparse.Namespace) -> int:
@@ -47,7 +55,7 @@ def _call(options: argparse.Namespace) -> int:
         raise DiffbotError(f"{len(options.bag)} bags are too many for one report: give at most {MAX_BAGS}")
     if others and (options.csv or options.tum):
         raise DiffbotError("--csv and --tum work with one bag only")
-    files = write_report(bag, out, options.preset, options.csv, options.tum, others)
+    files = write_report(bag, out, options.preset, options.csv, options.tum, others, once("--remap", options.remap))
     print(f"Report {out}" + (f", beside it {', '.join(path.name for path in files)}" if files else ""))
     return 0
 
@@ -59,13 +67,16 @@ def write_report(
     csv: bool = False,
     tum: bool = False,
     others: Sequence[Path] = (),
+    remap: Mapping[str, str] | None = None,
 ) -> list[Path]:
     """Write the page ``out`` atomically; return the CSV and TUM files beside it.
 
-    If the page compares ``bag`` with ``others``, the time of each bag begins at its first goal.
+    If the page compares ``bag`` with ``others``, the time of each bag begins at its first goal. ``remap`` has the
+    topic in the bags for each topic that has another name there.
 
     Raises:
-        DiffbotError: if a bag cannot be read, or a file cannot be written.
+        DiffbotError: if a bag cannot be read, a file cannot be written, or a remapped topic is missing or has another
+            type.
     """
     # Imported here, since the command line imports this module for every command.
     from diffbot_control.law.presets import PRESETS  # noqa: PLC0415
@@ -75,7 +86,7 @@ def write_report(
     from diffbot_tools.view.report import export, page_data  # noqa: PLC0415
 
     config = None if preset is None else PRESETS[preset].config
-    found = [read_bag(one, config, bool(others)) for one in (bag, *others)]
+    found = [read_bag(one, config, bool(others), remap or {}) for one in (bag, *others)]
     try:
         write_text(out, html(page_data(*found)))
         return export(found[0], out, csv, tum)

@@ -120,6 +120,18 @@ def test_messages_before_the_first_clock_are_held_and_get_its_time(nodes, tmp_pa
     assert [one.log_time // 10**9 for one in messages] == [500] * 4 + [900] * 5
 
 
+def test_messages_beyond_the_cache_before_the_first_clock_are_lost_and_not_received(nodes, tmp_path):
+    data, cache = nodes.peer.publisher(String, "data", RELIABLE), 2**20
+    recorder = Recorder(nodes, tmp_path / "run", use_sim_time=True, topics=["/data"], max_cache_size=cache)
+    recorder.wait_for(data)
+    for _ in range(3):
+        data.publish(String(data="x" * (cache // 2)))
+    recorder.wait("lost", 2)
+    assert recorder.node._topics["/data"].received == 1
+    recorder.close()
+    assert custom_data(tmp_path / "run") == {"lost_messages": "2", "lost /data": "2"}
+
+
 def test_a_weaker_publisher_that_joins_is_recorded_and_messages_lost_in_the_change_are_counted(nodes, tmp_path):
     first = nodes.peer.publisher(Twist, "shared", DEEP)
     recorder = Recorder(nodes, tmp_path / "run", topics=["/shared"])
@@ -191,7 +203,10 @@ def test_a_pause_records_latched_messages_only_and_does_not_count_as_loss(nodes,
     recording = Recording(nodes, tmp_path / "run", start_paused=True)
     assert recording.call("is_paused") == (True, "paused")
     publish(recording.data, twists(10))
-    nodes.peer.spin_until(lambda: recording.recorder.node.health.accepted["/data"] == 10, what="all messages")
+    health = recording.recorder.node.health
+    counted = "/data not recorded during a pause"
+    nodes.peer.spin_until(lambda: health.counted[counted] == 10, what="all messages")
+    assert recording.recorder.node._topics["/data"].received == 0
     assert recording.call("resume") == (True, "recording")
     publish(recording.data, twists(10))
     recording.recorder.wait("messages", 11)

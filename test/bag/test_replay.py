@@ -20,6 +20,7 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 
 from diffbot_bag.bag import BagReader
+from diffbot_bag.player import Player
 from diffbot_bag.qos import Qos
 from diffbot_bag.writer import BagWriter
 from diffbot_core.errors import DiffbotError
@@ -181,6 +182,15 @@ def test_damage_found_while_playing_is_logged_and_the_exit_status_is_one(nodes, 
         assert replay.wait_for_end() == 1
     (error,) = [line for line in capfd.readouterr().err.splitlines() if "ERROR" in line]
     assert "damaged.mcap is damaged" in error
+
+
+def test_an_unexpected_exception_of_the_player_ends_the_replay_as_an_error(nodes, bag, monkeypatch, capfd):
+    monkeypatch.setattr(Player, "play", lambda _: 1 // 0)
+    with Replay(nodes, bag, {}) as replay:
+        assert replay.wait_for_end() == 1
+        nodes.peer.spin_until(lambda: replay.reports and replay.reports[-1].message == "error", what="the state")
+    assert replay.reports[-1].level == DiagnosticStatus.ERROR
+    assert "ZeroDivisionError" in capfd.readouterr().err
 
 
 def test_parameters_and_services_seek_step_and_change_the_rate(nodes, mapped_bag):

@@ -17,6 +17,7 @@ from diffbot_bag.recorder_node import RecorderNode
 from diffbot_control.controller_node import ControllerNode
 from diffbot_control.ekf_node import EkfNode
 from diffbot_core.endpoints import TWIST, TWIST_STAMPED
+from diffbot_sim.plant_node import PlantNode
 from diffbot_tools import cli
 
 IMPATIENT = {"pose_lost_timeout": 3.0}
@@ -155,6 +156,24 @@ def test_a_goal_that_loses_its_pose_names_what_the_filter_reports(nodes, kind, t
     assert end.startswith("pose lost: no pose for pose_lost_timeout = 3 s; /ekf: ")
     assert reason in end
     assert "no base subscribes to /cmd_vel" in end
+
+
+def test_a_goal_reached_with_fixes_of_another_clock_is_reached_and_names_the_clocks(nodes):
+    nodes.add(EkfNode)
+    nodes.add(ControllerNode)
+    nodes.add(PlantNode, {"fix_delay": 0.5})
+    text = "global_pose is stamped 0.50 s behind odom"
+    nodes.peer.spin_until(
+        lambda: (
+            nodes.ekf_states
+            and nodes.ekf_states[-1].level == DiagnosticStatus.WARN
+            and nodes.ekf_states[-1].message == "running"
+            and text in graph.values(nodes.ekf_states[-1]).get("reason", "")
+        ),
+        what="the warning of the ekf",
+    )
+    send_goal(nodes, 0.5, 0.0, 0.0)
+    assert end_of_goal(nodes).startswith(f"reached: /ekf: {text}")
 
 
 def test_wrong_remappings_of_inputs_and_commands_name_the_existing_topics(nodes):

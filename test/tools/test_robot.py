@@ -149,18 +149,20 @@ def test_the_commands_write_check_and_drive(tmp_path, kept_signal_handlers, caps
 def test_robot_new_asks_for_missing_values_and_again_after_a_bad_answer(
     tmp_path, kept_signal_handlers, monkeypatch, capsys
 ):
-    asked, answers = [], ["0.05", "a foot", "-1", "0.3", *[""] * 6, "maybe", "Y", *[""] * 30]
+    asked, answers = [], ["?", "0.05", "a foot", "-1", "0.3", *[""] * 6, "?", "maybe", "Y", *[""] * 30]
     monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
     monkeypatch.setattr("builtins.input", lambda text: asked.append(text) or answers.pop(0))
     path = tmp_path / "mine.yaml"
     assert cli.main(["robot", "new", str(path), "--linear-x-max-velocity", "0.4"]) == 0
     expected = RobotDescription(wheel_radius=0.05, wheel_separation=0.3, use_gyro=True, linear_x_max_velocity=0.4)
     assert path.read_text() == file_of_robot(expected, "mine.yaml")
-    assert asked[0] == "wheel radius [m] (0.033): "
+    assert asked[:2] == ["wheel radius [m] (0.033): "] * 2
     assert sum(text.startswith("distance between the middles") for text in asked) == 3
     assert not any("largest speed" in text for text in asked)
-    assert asked.count("a gyro on the topic imu (n): ") == 2
+    assert asked.count("a gyro on the topic imu (n): ") == 3
     out = capsys.readouterr().out
+    assert "wheel_radius: wheel radius in m, >= 0.001 and <= 10; Return keeps 0.033" in out
+    assert "use_gyro: y if the robot has a gyro on the topic imu, n if not; Return answers n" in out
     assert "must be >= 0.001" in out
     assert "use_gyro = 'maybe': must be y or n" in out
 

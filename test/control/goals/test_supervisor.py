@@ -356,6 +356,17 @@ def test_a_goal_that_is_given_up_names_what_hinders_the_robot(options, end):
     assert story.supervisor.reason == record.reason
 
 
+@pytest.mark.parametrize("hold_goal", [False, True])
+def test_a_goal_that_is_reached_with_a_doubtful_pose_names_the_fault(hold_goal):
+    story = driving(hold_goal=hold_goal)
+    story.supervisor.pose_fault = "/ekf: global_pose is stamped 0.50 s behind odom"
+    for _ in range(20):
+        story.pose(GOAL)
+    record = story.supervisor.goals.ended[-1]
+    assert record.text == "reached: /ekf: global_pose is stamped 0.50 s behind odom"
+    assert story.supervisor.reason == ""
+
+
 def test_a_goal_that_takes_too_long_is_given_up_with_the_reason_and_braking():
     story = driving(controller=SLOW_DOWN, goal_timeout=2.0)
     for _ in range(20):

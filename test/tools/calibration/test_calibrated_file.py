@@ -1,18 +1,28 @@
 """`diffbot calibrate` writes the complete given file with the calibrated values."""
 
 import difflib
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from diffbot_control.ros.parameters.controller import ControllerNodeConfig
-from diffbot_core.schema import build
+from diffbot_control.ros.parameters.ekf import EkfNodeConfig
+from diffbot_core.schema import build, to_dict
 from diffbot_core.yaml_files import read_sections
 from diffbot_tools.bringup import check_data_sheet
+from diffbot_tools.calibration import parameters
+from diffbot_tools.calibration.calibrate import HeldOutFigures
 from diffbot_tools.calibration.calibrated_file import calibrated_file
+from diffbot_tools.calibration.command import describe
 from diffbot_tools.calibration.latency import LatencyEstimate
 from diffbot_tools.calibration.parameters import CalibrationResult, Row
+from diffbot_tools.calibration.quantities import Quantity
+from diffbot_tools.figures import Consistency
 from diffbot_tools.parameter_file import read_config, values_of
+from diffbot_tools.robot import read_robot
 from diffbot_tools.robot_description import PRESETS, file_of_robot
+from diffbot_tools.robot_trial import contradictions
 
 FOUND = CalibrationResult(
     {
@@ -79,7 +89,7 @@ def test_a_robot_s_file_stays_complete_with_its_comments(tmp_path):
     after = written(path, before)
     removed, added = changed_lines(before, after)
     assert [line.split(":")[0] for line in removed] == [
-        *("linear.x.max_acceleration", "command_latency", "drive_time_constant", "global_pose_sigma_xy"),
+        *("linear.x.max_acceleration", "command_latency", "drive_time_constant", "global_pose_sigma_xy", "eps_xy_max"),
     ]
     assert [" ".join(line.split()) for line in added] == [
         f"# {HEAD}",
@@ -90,8 +100,10 @@ def test_a_robot_s_file_stays_complete_with_its_comments(tmp_path):
         "odometry_delay: 0.21 # calibrated, +- 0.01",
         "alpha1: 1.0e-05 # calibrated, +- 7 %, at its bound",
         "global_pose_sigma_xy: 0.0512 # [m], for a global_pose without covariance; calibrated, 0.03 before",
+        "eps_xy_max: 0.08868 # [m], 1.73 times the standard deviation; calibrated, 0.051962 before",
     ]
     check_data_sheet(path)
+    assert list(contradictions(read_robot(path))) == [], "the simulated robot is the calibrated one"
     controller = build(ControllerNodeConfig, values_of(values(path, "controller"), ControllerNodeConfig))
     assert controller.supervisor.controller.data_sheet.v_max == 0.31
 
@@ -123,3 +135,35 @@ def test_all_other_values_and_comments_stay(tmp_path, name):
     for comment in [line.partition("#")[2].strip() for line in text.splitlines() if "#" in line]:
         assert f"# {comment}" in after
     read_config(path)
+
+
+@pytest.mark.parametrize(
+    ("factor", "deviation", "note"),
+    [(0.5, 0.5, ""), (0.5, 0.9, "not determined"), (0.01, 0.9, "only its order of magnitude is determined")],
+)
+def test_a_noise_of_the_motion_known_to_a_factor_of_two_only_is_kept_unless_the_given_value_is_excluded(
+    factor, deviation, note, monkeypatch
+):
+    config = build(EkfNodeConfig, {})
+    quantity = Quantity("alpha1", "alpha1", (), True, 0.0, -10.0, 10.0)
+    fit = SimpleNamespace(values=np.log([factor]), covariance=np.array([[deviation**2]]), at_bound=[False])
+    for name in ("_add_constants", "_measurement_noise"):
+        monkeypatch.setattr(parameters, name, lambda *_: {})
+    calibration = SimpleNamespace(found=fit, quantities=[quantity], biases=[], drives=[])
+    result = parameters.result_of(calibration, config)
+    given = to_dict(config)["alpha1"]
+    is_kept = note == "not determined"
+    assert result.parameters["alpha1"] == pytest.approx(given if is_kept else given * factor, rel=1e-3)
+    assert [name for name, _ in result.undetermined] == ["alpha1"] * is_kept
+    assert result.rows[0].note == note
+
+
+def test_a_drive_without_commands_lists_latency_and_time_constant_as_not_determined():
+    figures = HeldOutFigures(0.0, Consistency(1.0, 0.0, 0.1))
+    text = describe(SimpleNamespace(before=figures, after=figures), CalibrationResult({}, [], []), None)
+    _, kept = text.split("Not determined by the drives, kept as given:")
+    assert [line.split(":")[0].strip() for line in kept.strip().splitlines()] == [
+        "command_latency",
+        "drive_time_constant",
+    ]
+    assert "record /cmd_vel" in kept

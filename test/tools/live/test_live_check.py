@@ -9,11 +9,20 @@ from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_control.ros.transforms import NO_TRANSFORMS
 from diffbot_core.endpoints import TWIST, TWIST_STAMPED, Endpoint
 from diffbot_core.schema import build
-from diffbot_tools.live.report import ObservedRobot, TopicGraph, clock_lines, input_lines, node_lines, output_lines
+from diffbot_tools.live.report import (
+    ObservedRobot,
+    TopicGraph,
+    clock_lines,
+    input_lines,
+    node_lines,
+    output_lines,
+    unmatched,
+)
 from diffbot_tools.live.streams import MessageArrival, Streams
 
 ODOMETRY, IMU = "nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu"
 FIX = "geometry_msgs/msg/PoseWithCovarianceStamped"
+INPUTS = {"odom": ODOMETRY, "imu": IMU, "heading": IMU, "global_pose": FIX}
 NOW = 1_800_000_000 * 10**9
 EKF = "/ekf"
 
@@ -33,8 +42,8 @@ def odometry(stamp, t, *, omega=0.5, twist_omega=0.5, frame="odom", child="base_
     return make(ODOMETRY, header=header(stamp, frame), child_frame_id=child, **fields)
 
 
-def fix(stamp, variance=0.01, frame="map"):
-    message = make(FIX, header=header(stamp, frame), pose={"pose": {"orientation": {"w": 1.0}}})
+def fix(now, variance=0.01, frame="map", delay=0.0):
+    message = make(FIX, header=header(now - round(delay * 1e9), frame), pose={"pose": {"orientation": {"w": 1.0}}})
     message.pose.covariance[[0, 7, 35]] = variance
     return message
 
@@ -156,6 +165,54 @@ def test_a_robot_that_does_not_obey_its_commands_is_named(fields, text):
     (line,) = output_lines({"cmd_vel": graph}, drive(command=-0.5, **fields), ObservedRobot(), 8.0)
     assert len(line.todo) == 1
     assert text in line.todo[0]
+
+
+@pytest.mark.parametrize(
+    ("parameters", "is_fault"), [({}, False), ({"use_gyro": True}, True), ({"heading_sigma": 0.1}, True)]
+)
+def test_a_silent_sensor_is_a_fault_only_if_a_parameter_configures_it(parameters, is_fault):
+    streams = drive(parameters=parameters)
+    graphs = {name: TopicGraph(f"/{name}", kind, [Endpoint("/base", kind)]) for name, kind in INPUTS.items()}
+    lines = {one.name: one for one in input_lines(graphs, streams, ObservedRobot(EKF), 8.0)}
+    silent = [lines["/imu"], lines["/heading"]]
+    assert any(line.todo for line in silent) is is_fault
+    assert all("no message was received from /base" in " ".join(line.todo + line.notes) for line in silent)
+
+
+@pytest.mark.parametrize(
+    ("delay", "is_fault"),
+    [(0.1, False), (0.15, False), (0.3, True), (-0.3, True)],
+    ids=["AMCL", "GNSS", "another computer", "its clock ahead"],
+)
+def test_the_delay_of_a_fix_is_not_a_fault_of_its_clock(delay, is_fault):
+    found = todo_of(drive(fixes={"delay": delay}))
+    assert any("global_pose is stamped 0.30 s" in one for one in found) if is_fault else found == []
+
+
+def test_a_publisher_with_another_type_beside_a_matching_publisher_is_named():
+    publishers = [Endpoint("/amcl", FIX), Endpoint("/tracker", "geometry_msgs/msg/PoseStamped")]
+    graph = TopicGraph("/global_pose", FIX, publishers, [Endpoint(EKF, FIX, is_reliable=False)])
+    (line,) = unmatched(graph, graph.subscriptions)
+    assert line.startswith("/tracker publishes /global_pose as PoseStamped")
+
+
+def test_a_latched_subscription_of_a_node_that_also_has_a_matching_one_is_not_a_fault():
+    publishers = [Endpoint("/amcl", FIX, is_latched=True), Endpoint("/gnss", FIX)]
+    own = [Endpoint(EKF, FIX, is_reliable=False), Endpoint(EKF, FIX, is_latched=True)]
+    assert unmatched(TopicGraph("/global_pose", FIX, publishers, own), own) == []
+
+
+@pytest.mark.parametrize(
+    ("message", "todo", "text"),
+    [
+        ("waiting for first fix; ok", [], "TO DO /ekf: waiting for first fix\n      it has no start pose"),
+        ("waiting for first fix; 3 messages dropped in the last 10 s", [], "it has no start pose"),
+        ("waiting for first fix; nothing publishes /x", ["nothing publishes /x"], "a line above names the cause"),
+    ],
+)
+def test_an_ekf_without_a_start_pose_is_not_ok(message, todo, text):
+    (line,) = node_lines({EKF: (1, message)}, {EKF: 1}, [], todo)
+    assert text in line.text()
 
 
 def test_a_node_whose_clock_differs_is_named():

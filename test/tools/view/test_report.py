@@ -95,6 +95,19 @@ def test_without_poses_the_path_is_computed_from_transforms(tmp_path):
     assert path["theta"] == pytest.approx(np.full(10, math.pi / 2))
 
 
+def test_a_bag_with_other_topic_names_gives_the_same_curves_with_remap(tmp_path, kept_signal_handlers, capsys):
+    other = {"/odom": "/base/wheels", "/ground_truth": "/mocap"}
+    usual, renamed = tmp_path / "usual", tmp_path / "renamed"
+    for path, names in ((usual, {}), (renamed, other)):
+        view_bags.write(path, ((names.get(topic, topic), *rest) for topic, *rest in view_bags.drive(40)))
+    (expected,) = read_bag(usual).robots
+    (found,) = read_bag(renamed, remap={name.lstrip("/"): topic for name, topic in other.items()}).robots
+    for curve in ("odometry", "truth", "error"):
+        assert found.curves[curve]["x"] == pytest.approx(expected.curves[curve]["x"], abs=0.0), curve
+    assert cli.main(["report", str(renamed), "--remap", "odom:=/mocap", "ground_truth:=/none"]) == 1
+    assert "--remap: /none is not in the bag; ground_truth must be" in capsys.readouterr().err
+
+
 def test_each_namespace_with_a_pose_is_a_robot(tmp_path):
     streams = [view_bags.drive(40, namespace=f"/robot{number}") for number in (1, 2)]
     found = read_bag(bag(tmp_path, (message for pair in zip(*streams, strict=True) for message in pair)))
