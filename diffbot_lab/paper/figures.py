@@ -1,6 +1,7 @@
 """Draw figures 4 to 15 of the paper from our runs.
 
-Each figure shows all runs faintly, one run highlighted, and the range from 5 to 95 % shaded.
+Each figure has a thin line for each run and a thick line for one run of each start. The range from the 5 % to the 95 %
+quantile is shaded.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ Array = NDArray[np.float64]
 
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#999933")
 FIRST_FIGURE = {"law 13": 4, "law 17": 7, "heading 0 deg": 10, "heading 220 deg": 13}
-"""Number of the path figure of each group in the paper. The figures of pose and command have the next two numbers."""
+"""Number of each group's figure of the path in the paper. The figures of pose and command have the next two numbers."""
 
 
 class Sheet(NamedTuple):
