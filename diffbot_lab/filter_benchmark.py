@@ -27,7 +27,6 @@ from diffbot_control.filter.config import (
     LocalizationConfig,
 )
 from diffbot_control.filter.state import NIS, OUTCOME
-from diffbot_core.errors import InvalidValueError
 from diffbot_core.files import output_folder, write_json
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import Twist
@@ -293,13 +292,7 @@ def _chi_square_bound(share: float, samples: float) -> float:
 
 
 def run_benchmark(runs: int, seed: int) -> dict[str, Any]:
-    """Simulate all runs of all cases and return the content of results.json. On a terminal, show a progress bar.
-
-    Raises:
-        InvalidValueError: for fewer than one run.
-    """
-    if runs < 1:
-        raise InvalidValueError("runs", runs, ">= 1")
+    """Simulate all runs of all cases and return the content of results.json. On a terminal, show a progress bar."""
     cases = []
     pairs = [(scenario, *rates) for scenario in SCENARIOS for rates in scenario.rates]
     for scenario, odometry_rate, fix_rate in tqdm(pairs, desc="benchmark", unit="case", disable=None):

@@ -17,7 +17,6 @@ from tqdm import tqdm
 from diffbot_control.filter.config import CALIBRATING, FilterConfig
 from diffbot_control.law.docking import Docking
 from diffbot_control.law.law import Law
-from diffbot_core.errors import InvalidValueError
 from diffbot_core.files import output_folder, write_json
 from diffbot_core.schema import build, parameters_of
 from diffbot_lab.benchmark.cases import DURATION, LIMITS, NONE, Values, cases_named
@@ -172,10 +171,8 @@ def run_and_report(runs: int, seed: int, names: tuple[str, ...], folder: Path) -
         folder: folder of results.json and docking.png.
 
     Raises:
-        DiffbotError: for fewer than one run or an unknown case, or if the folder cannot be written.
+        DiffbotError: for an unknown case, or if the folder cannot be written.
     """
-    if runs < 1:
-        raise InvalidValueError("runs", runs, ">= 1")
     cases, starts = cases_named(names, CASES), docking_starts(runs, seed)
     results: dict[str, Any] = {"runs": runs, "seed": seed, "duration": DURATION, "cases": []}
     shown: dict[str, tuple[Array, Array]] = {}

@@ -6,7 +6,7 @@ Use them as any vector environment::
     observations, infos = envs.reset(seed=1)
     observations, rewards, terminations, truncations, infos = envs.step(envs.action_space.sample())
 
-Except for rounding errors, the environments equal environments of :mod:`environment` in Gymnasium's SyncVectorEnv.
+Except for rounding errors, the results are those of Gymnasium's SyncVectorEnv with environments of :mod:`environment`.
 Environment i has the seed ``seed + i``. The step after the end of an episode resets the environment and ignores the
 action (AutoresetMode.NEXT_STEP). The first use compiles the loop, which takes a minute or two. Later, the compiled loop
 is loaded from a cache.

@@ -124,9 +124,9 @@ def recurrent_distance(path: Array) -> float:
 def search(
     loop: ContractLoop,
     seed: int,
-    generations: int = _GENERATIONS,
-    population: int = _POPULATION,
-    each: Callable[[float], object] | None = None,
+    generations: int,
+    population: int,
+    each: Callable[[float], object],
 ) -> Attack:
     """Search for the weights with which the greedy adversary brings the robot farthest from the goal.
 
@@ -158,8 +158,7 @@ def search(
             mean, deviation = elite.mean(axis=0), 0.8 * elite.std(axis=0) + 0.02
             if distances[order[0]] > best.distance:
                 best = Attack(float(distances[order[0]]), weights[order[0]])
-            if each is not None:
-                each(best.distance)
+            each(best.distance)
     return best
 
 
@@ -216,7 +215,7 @@ def run_adversary(path: Path, steps: int, trajectories: int, seed: int, out: Pat
     claims, plan, loop = certificate.claims, certificate.plan, loop_of(certificate)
     with output_folder(out):
         with tqdm(desc="adversary", total=_GENERATIONS, unit="generation", disable=None) as bar:
-            attack = search(loop, seed, each=lambda _: bar.update())
+            attack = search(loop, seed, _GENERATIONS, _POPULATION, lambda _: bar.update())
         drift = drift_of(loop)
         distance = max(attack.distance, drift)
         observed = _observed(certificate, steps, trajectories, seed)
