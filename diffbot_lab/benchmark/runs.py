@@ -101,10 +101,8 @@ def run_benchmark(options: BenchmarkOptions) -> tuple[dict[str, Any], dict[str, 
         the name of the law.
 
     Raises:
-        InvalidValueError: for fewer than one run, the seed of the tuning, or an unknown law or case.
+        InvalidValueError: for the seed of the tuning, or an unknown law or case.
     """
-    if options.runs < 1:
-        raise InvalidValueError("runs", options.runs, ">= 1")
     if options.seed == TRAINING_SEED:
         raise InvalidValueError("seed", options.seed, sentence="the laws were tuned with this seed; choose another one")
     entries, chosen = entries_for(options.laws), cases.cases_named(options.cases)

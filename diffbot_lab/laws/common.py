@@ -21,7 +21,7 @@ from diffbot_core.uncertainty import Uncertainty
 ROTATING, DRIVING, FINISHING, REACHED = 0, 1, 2, 3
 """Phases: turning towards the goal, driving to the goal, turning to the goal's heading, standing at the goal."""
 _BRAKE_SHARE, _TURN_SHARE = 0.9, 0.7
-"""Shares of the acceleration limits with which the robot brakes. The rest avoids that limits delay the braking."""
+"""Shares of the acceleration limits with which the robot brakes, so that the limits do not change these commands."""
 _BRAKE_TIME = 0.1
 """[s] reaction time of braking before the goal"""
 STOP = Twist(0.0, 0.0)
@@ -48,7 +48,7 @@ class PeerState(NamedTuple):
     direction: float
     """direction of travel: 1 forwards, -1 backwards, 0 not chosen yet"""
     value: float
-    """a number that each law defines"""
+    """a number whose meaning depends on the law"""
 
 
 class LawMemory(NamedTuple):

@@ -43,7 +43,7 @@ _PLANT = PlantConfig()
 
 
 class Contract(NamedTuple):
-    """Bounds that the errors of the estimate and of the base do not exceed after some step."""
+    """Bounds of the errors of the estimate and of the base. All of them hold in every step from some step on."""
 
     eps_position: float = 0.06
     """[m] bound of the distance between the estimated and the true position"""
@@ -86,7 +86,7 @@ SLOPES = ("position_slope", "theta_slope", "sigma_slope")
 
 
 class Plan(NamedTuple):
-    """What is certified (contract, period and distance of the starts), and the size of the core and of the cells."""
+    """Contract, period and distance of the starts that are certified, and the sizes of the core and of the cells."""
 
     contract: Contract = Contract()
     period: float = _PLANT.sampling_time
