@@ -53,7 +53,7 @@ class Controller(Supervisor):
         self._time = -math.inf
 
     def go_to(self, goal: AnyPose) -> None:
-        """Start to drive to ``goal``, which replaces the present goal. ``on_cancel()`` cancels the goal.
+        """Start to drive to ``goal``, which replaces the current goal. ``on_cancel()`` cancels the goal.
 
         Raises:
             InvalidValueError: if the goal is not three finite numbers, or its heading seems to be in degrees.

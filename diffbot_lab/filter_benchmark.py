@@ -1,7 +1,7 @@
 """Compare the variants of the filter on the same simulated drives: ``diffbot benchmark localization``.
 
-Run i of each case and variant drives the same arc with the same noise. The drives are open-loop, since a controller
-would hide the errors of the filter.
+Run i of each case drives the same arc with the same noise for all variants. The drives are open-loop, because with a
+controller the path would depend on the errors of the filter.
 """
 
 from __future__ import annotations
@@ -27,7 +27,6 @@ from diffbot_control.filter.config import (
     LocalizationConfig,
 )
 from diffbot_control.filter.state import NIS, OUTCOME
-from diffbot_core.errors import InvalidValueError
 from diffbot_core.files import output_folder, write_json
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import Twist
@@ -47,31 +46,31 @@ Array = NDArray[np.float64]
 DURATION = 60.0
 """[s] of a run"""
 SKIPPED = 10.0
-"""[s] part at the start of a run that is not evaluated"""
+"""[s] time at the start of a run that is not evaluated"""
 RATES = ((10, 1), (10, 5), (50, 10))
-"""[Hz] of odometry and fixes"""
+"""[Hz] rates of odometry and fixes"""
 LOST_DISTANCE = 0.5
 """[m] position error above which a filter counts as lost"""
 V_MIDDLE, V_HALF, OMEGA_HALF = 0.7, 0.3, 0.3
-"""[m/s], [m/s], [rad/s] speeds of the drives: v is 0.4 .. 1.0 m/s, omega is -0.3 .. 0.3 rad/s"""
+"""[m/s], [m/s], [rad/s] speeds of the drives: v is 0.7 +- 0.3 m/s, omega is +-0.3 rad/s"""
 HISTORY_COLUMNS = ("position", "heading", "sigma_xy", "sigma_theta", "nees", "nis", "outcome")
 """Errors of the estimated position [m] and heading [rad]; their standard deviations according to the filter; normalised
 estimation error squared (NEES) of the pose; normalised innovation squared (NIS) and outcome of the fix that arrives at
-the step, nan without a fix."""
+the step, or nan if no fix arrives."""
 _FIXES = 0
-"""Row of the fixes in ``FilterState.last``."""
+"""row of the fixes in ``FilterState.last``"""
 _CHUNK = 16
-"""Runs in one call of the kernel."""
+"""number of runs in one call of the kernel"""
 _COLOURS = {EKF: "#999999", CALIBRATING: "#0072B2", FNN: "#E69F00", FNN_CALIBRATING: "#009E73"}
 
 
 class Scenario(NamedTuple):
-    """A deviation of plant or sensors from the nominal case, simulated at several rates."""
+    """A fault of plant or sensors, or none, and the rates at which it is simulated."""
 
     name: str
     text: str
     label: str
-    """label below the bars of the figure"""
+    """label of the bars in the figure"""
     plant: PlantConfig = PlantConfig()
     sensors: SensorConfig = SensorConfig()
     landmarks: LandmarkMap = LandmarkMap()
@@ -123,11 +122,11 @@ class OpenLoopCase(NamedTuple):
     skipped: int
     """number of steps at the start that are not evaluated"""
     kidnapped: int
-    """first step at the new place of a kidnapped robot; -1 if it is not kidnapped"""
+    """first step after a kidnapping; -1 without a kidnapping"""
 
 
 class Tracking(NamedTuple):
-    """Figures of one run, over the evaluated steps."""
+    """Statistics of one run, over the evaluated steps."""
 
     position: float
     """[m] root mean square of the position error"""
@@ -166,7 +165,7 @@ def case_of(scenario: Scenario, odometry_rate: int, fix_rate: int, filter_name: 
 
 
 def draw_drive(source: NoiseSource, seed: int, run: int) -> tuple[float, Twist]:
-    """Draw the start heading [rad] and the constant twist of a run, which starts at the origin."""
+    """Draw the start heading [rad] and the constant twist of a run. The run starts at the origin."""
     v, omega, theta, _ = source.start(seed, run).tolist()
     return uniform(theta, math.pi), Twist(V_MIDDLE + uniform(v, V_HALF), uniform(omega, OMEGA_HALF))
 
@@ -199,17 +198,17 @@ _kernel = compile_kernel(_drive_all)
 
 
 def _compile(robot: SimulatedRobot) -> None:
-    """Compile the kernel before threads call it. The types are the same for all robots."""
+    """Compile the kernel before threads call it. One compilation suffices, as all robots have the same types."""
     if not _kernel.signatures:
         with one_compiler(""):
             _kernel(new_buffers(robot), np.empty((0, 3)), np.empty((0, 1, 1, 4)), np.empty((0, 1, 7)))
 
 
 def run_drives(case: OpenLoopCase, seed: int, runs: int, threads: int | None = None) -> Array:
-    """Simulate the runs 0 to ``runs - 1`` on ``threads`` threads; None for one on each core.
+    """Simulate the runs 0 to ``runs - 1`` in ``threads`` threads; None for one thread per core.
 
     Returns:
-        (runs, 10), a row for each run, columns as COLUMNS. The result does not depend on the number of threads.
+        (runs, 10), columns as COLUMNS. The result does not depend on the number of threads.
     """
     trackings: Array = np.empty((runs, len(COLUMNS)))
 
@@ -236,7 +235,7 @@ def run_histories(case: OpenLoopCase, seed: int, runs: range) -> Array:
 
 
 def tracking_of(case: OpenLoopCase, history: Array) -> Tracking:
-    """Return the figures of one run from its history (steps + 1, 7). A position error of nan counts as lost."""
+    """Return the statistics of one run from its history (steps + 1, 7). A position error of nan counts as lost."""
     position, heading, _, _, nees, nis, outcome = history[case.skipped + 1 :].T
     fixed, back = ~np.isnan(outcome), math.nan
     if case.kidnapped >= 0:
@@ -257,7 +256,7 @@ def tracking_of(case: OpenLoopCase, history: Array) -> Tracking:
 
 
 def figures_of(trackings: Array) -> dict[str, Any]:
-    """Summarise the runs of one case and one filter: (runs, 10), columns as COLUMNS."""
+    """Return the statistics of many runs (runs, 10), columns as COLUMNS."""
     column = dict(zip(COLUMNS, trackings.T, strict=True))
     runs, fixes, counted = len(trackings), column["fixes"], float(column["fixes"].sum())
     # Remove the rounding error of steps times sampling time: 28 steps of 0.1 s are 2.8 s.
@@ -282,24 +281,18 @@ def figures_of(trackings: Array) -> dict[str, Any]:
 
 
 def _pooled(errors: Array) -> dict[str, float]:
-    """Return the RMSE over all runs, and median and 95 % quantile of the runs' RMSE. The runs have the same length."""
+    """Return statistics of the RMSE of all runs: over all steps of all runs, the median, and the 95 % quantile."""
     rmse, median, p95 = math.sqrt(float((errors**2).mean())), float(np.median(errors)), float(np.quantile(errors, 0.95))
     return {"rmse": rmse, "median": median, "p95": p95}
 
 
 def _chi_square_bound(share: float, samples: float) -> float:
-    """Return a quantile of the mean of ``samples`` chi-square variables with three degrees of freedom."""
+    """Return the ``share`` quantile of the mean of ``samples`` chi-square variables with three degrees of freedom."""
     return float(chdtri(3.0 * samples, 1.0 - share) / samples)
 
 
 def run_benchmark(runs: int, seed: int) -> dict[str, Any]:
-    """Simulate all runs of all cases and return the content of results.json. On a terminal, show a progress bar.
-
-    Raises:
-        InvalidValueError: for fewer than one run.
-    """
-    if runs < 1:
-        raise InvalidValueError("runs", runs, ">= 1")
+    """Simulate all runs of all cases and return the content of results.json. On a terminal, show a progress bar."""
     cases = []
     pairs = [(scenario, *rates) for scenario in SCENARIOS for rates in scenario.rates]
     for scenario, odometry_rate, fix_rate in tqdm(pairs, desc="benchmark", unit="case", disable=None):
@@ -350,7 +343,7 @@ def _terminal_row(name: str, one: dict[str, Any]) -> str:
 
 
 def draw(results: dict[str, Any], path: Path) -> None:
-    """Draw one run with all faults for each variant, with the filter's 3-sigma bound, and the RMSE of all cases.
+    """Draw one run with all faults for each variant, with three standard deviations, and the RMSE of all cases.
 
     Raises:
         OSError: if the file cannot be written.

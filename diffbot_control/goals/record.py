@@ -72,7 +72,7 @@ class GoalRecord(NamedTuple):
 
 
 class GoalBook:
-    """The present goal, and the goals that have ended."""
+    """The current goal, and the goals that have ended."""
 
     def __init__(self) -> None:
         """Start without goals."""
@@ -93,17 +93,17 @@ class GoalBook:
         self._remember(request.id)
 
     def refuse(self, request: GoalRequest, end: str, reason: str) -> None:
-        """Record the end of a goal that is not accepted; the present goal does not change."""
+        """Record the end of a goal that is not accepted; the current goal does not change."""
         self._remember(request.id)
         self._add(GoalRecord(request, end=end, reason=reason))
 
     def cancel(self, reason: str) -> None:
-        """Mark the present goal as cancelled; the goal ends with this reason when the robot has come to rest."""
+        """Mark the current goal as cancelled; the goal ends with this reason when the robot has come to rest."""
         if self.present is not None:
             self.present = self.present._replace(is_cancelling=True, reason=reason)
 
     def close(self, end: str, reason: str, elapsed: float) -> None:
-        """End the present goal, if there is one; a cancelled goal always ends as cancelled, with its own reason."""
+        """End the current goal, if there is one; a cancelled goal always ends as cancelled, with its own reason."""
         if self.present is None:
             return
         if self.present.is_cancelling:

@@ -62,7 +62,7 @@ class Transition(NamedTuple):
     state: State
     command: Reaction = Reaction.NOTHING
     end: str = ""
-    """end of the present goal, one of record.ENDS; empty if the goal does not end"""
+    """end of the current goal, one of record.ENDS; empty if the goal does not end"""
     text: str = ""
     """new text of ~/status while there is no goal; empty for no change"""
 

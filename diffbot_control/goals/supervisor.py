@@ -28,7 +28,7 @@ _NEAR_TOLERANCES = 3.0
 _STOP_REPEATS = 5
 """Number of zero commands after a stop, so that the robot stops even if one message is lost."""
 _MAX_UPDATE_ANGLE = 0.5
-"""[rad] largest difference between the headings of a goal_update and of the present goal"""
+"""[rad] largest difference between the headings of a goal_update and of the current goal"""
 
 
 @known_fields
@@ -74,7 +74,7 @@ class SupervisorConfig(NamedTuple):
     ] = -1.0
     goal_update_distance: Annotated[
         float,
-        Spec("largest distance of a goal_update from the present goal; goals farther away are dropped", "m", *DISTANCE),
+        Spec("largest distance of a goal_update from the current goal; goals farther away are dropped", "m", *DISTANCE),
     ] = 0.5
     publish_when_idle: Annotated[
         bool, Spec("answer every pose, with a zero command if there is no goal (lock-step needs it)")
@@ -98,11 +98,11 @@ class Supervisor:
         self.goals = GoalBook()
         self.clock = PoseClock()
         self.goals_ahead: list[Pose] = []
-        """the present goal, and the later goals of its path"""
+        """the current goal, and the later goals of its path"""
         self.waypoint = self.waypoints = 0
-        """number of the present goal in its path, from 1, and length of the path; both 0 for a single goal"""
+        """number of the current goal in its path, from 1, and length of the path; both 0 for a single goal"""
         self.updates = 0
-        """number of corrections of the present goal"""
+        """number of corrections of the current goal"""
         self.contact = CONTACT_UNKNOWN
         """contact with the dock: CONTACT_UNKNOWN, NO_CONTACT or CONTACT"""
         self.problem = ""
@@ -159,7 +159,7 @@ class Supervisor:
 
     @property
     def timeout(self) -> float:
-        """Time [s] allowed for the present goal; a derived time is for the whole path."""
+        """Time [s] allowed for the current goal; a derived time is for the whole path."""
         return self._guard.timeout
 
     @property
@@ -205,7 +205,7 @@ class Supervisor:
         A goal that has ended is not corrected.
 
         Raises:
-            BadMessageError: if ``goal`` (in the frame of the poses) is too far from the present goal.
+            BadMessageError: if ``goal`` (in the frame of the poses) is too far from the current goal.
         """
         if self.goals.present is None or not self.goals_ahead:
             return
@@ -270,16 +270,16 @@ class Supervisor:
         return command or self._stop_if_overdue(must_stop)
 
     def on_stop(self, reason: str) -> None:
-        """End the present goal as cancelled, because the node stops; the node itself sends zero."""
+        """End the current goal as cancelled, because the node stops; the node itself sends zero."""
         self._follow(GoalEvent.STOP, reason)
         self.reason, self.has_failed = "", False
 
     def give_up(self, reason: str) -> None:
-        """End the present goal as not reached."""
+        """End the current goal as not reached."""
         self._follow(GoalEvent.HOPELESS, reason)
 
     def on_fault(self, reason: str, dt: float = 0.0) -> Twist | None:
-        """End the present goal because of an error, and brake from the last command, which was ``dt`` [s] ago."""
+        """End the current goal because of an error, and brake from the last command, which was ``dt`` [s] ago."""
         self.has_failed = True
         return self._follow(GoalEvent.FAULT, reason, dt)
 

@@ -194,11 +194,11 @@ class GoalGuard:
     def __init__(self) -> None:
         """Start without a goal."""
         self.timeout = math.inf
-        """[s] timeout of the present goal; a derived timeout is for the whole path"""
+        """[s] timeout of the current goal; a derived timeout is for the whole path"""
         self.age = 0.0
         """[s] time since the goal or path was accepted"""
         self._goal_age = 0.0
-        """[s] time since the present goal of the path became the next one"""
+        """[s] time since the current goal of the path became the next one"""
         self._option = 0.0
         """[s] goal_timeout when the timeout was set"""
         self._is_final = False
@@ -249,7 +249,7 @@ class GoalGuard:
         return f"not reached within goal_timeout = {self.timeout:.3g} s{derived}"
 
     def reason_to_give_up(self, dt: float, path: RemainingPath, option: float, sheet: DataSheet) -> str:
-        """Return why the present goal is given up after a step; empty if the robot continues.
+        """Return why the current goal is given up after a step; empty if the robot continues.
 
         Args:
             dt: [s] since the last step, at most MAX_STEP.

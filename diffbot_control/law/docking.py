@@ -19,11 +19,11 @@ from diffbot_control.law.docking_axis import (
     along_axis,
     axis_lyapunov,
     contact_error,
+    forward_pose,
     hold_heading,
     is_certain,
     is_inside,
     is_within,
-    leading,
     pose_on_axis,
 )
 from diffbot_control.law.goal_checker import GoalTolerance
@@ -97,7 +97,7 @@ class DockingMemory(NamedTuple):
 
 
 class StageInput(NamedTuple):
-    """Input for the next stage. Poses are in the dock's frame, as :func:`leading` returns them."""
+    """Input for the next stage. Poses are in the dock's frame, as :func:`forward_pose` returns them."""
 
     now: Pose
     """estimated pose"""
@@ -139,11 +139,11 @@ def docking_step(
     if not is_immediate(sheet):
         coasted = coast(estimate.pose, memory.actuation, memory.command, dt, sheet)
         actuation, rest = coasted.actuation, coasted.pose
-    pose, gains = leading(rest, config), gains_of(sheet, observation.period)
-    goal_distance = -leading(goal, config).x
+    pose, gains = forward_pose(rest, config), gains_of(sheet, observation.period)
+    goal_distance = -forward_pose(goal, config).x
     stands = memory.drive.switching.region == OMEGA_L and memory.command.v == 0.0 and memory.command.omega == 0.0
-    present = leading(estimate.pose, config)
-    given = StageInput(present, pose, estimate.uncertainty, observation.contact, dt, stands, goal_distance, gains)
+    now = forward_pose(estimate.pose, config)
+    given = StageInput(now, pose, estimate.uncertainty, observation.contact, dt, stands, goal_distance, gains)
     stage = memory.stage
     if stage.phase == STAGING and not _is_contact(goal):
         stage = _begin(UNDOCKING if _is_undocked(goal, goal_distance) else FAILED, stage.tries)
@@ -301,7 +301,7 @@ class Docking(StagingLaw):
 
     @classmethod
     def memory_for_new_goal(cls, memory: Any, config: Any) -> DockingMemory:
-        """Return a new memory with the present motion, for the limits of acceleration and the prediction."""
+        """Return a new memory with the current motion, for the limits of acceleration and the prediction."""
         return new_docking_memory(config)._replace(command=memory.command, actuation=memory.actuation)
 
     @staticmethod

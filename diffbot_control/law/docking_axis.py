@@ -9,7 +9,7 @@ so dV = -2 |v| theta^2 / lambda <= 0 at any speed, in both directions. As a func
 double pole at -1 / lambda at any speed. A robot that stands does not turn. V <= CORRIDOR^2 / 2 bounds y and theta until
 contact. From ``commit_distance`` on, the robot only holds its heading, as in Omega_L: omega = -2 |v| theta / lambda. A
 correction of y so near the dock would leave a heading error at contact. :func:`contact_error` predicts the errors at
-contact from the pose. If the robot docks with its back, the frame is turned by pi, see :func:`leading`.
+contact from the pose. If the robot docks with its back, the frame is turned by pi, see :func:`forward_pose`.
 """
 
 from __future__ import annotations
@@ -132,8 +132,8 @@ def is_certain(error: ContactError, distance: float, uncertainty: Uncertainty, c
     )
 
 
-def leading(pose: Pose, config: DockingConfig) -> Pose:
-    """Return the pose as if the robot docked with its front: turn the frame by pi if the robot docks with its back."""
+def forward_pose(pose: Pose, config: DockingConfig) -> Pose:
+    """Return the pose of a robot that docks with its front: if it docks with its back, turn the frame by pi."""
     if not config.dock_backward:
         return pose
     return Pose(-pose.x, -pose.y, pose.theta)

@@ -93,7 +93,7 @@ def coast(pose: Pose, actuation: Actuation, command: Twist, dt: float, data_shee
     """Predict where the robot comes to rest if zero is commanded from now on.
 
     Args:
-        pose: present pose.
+        pose: current pose.
         actuation: actuation at the last pose.
         command: last command, which was held for the last ``dt``.
         dt: [s] since the last pose.

@@ -113,7 +113,7 @@ class PaperLaw(Law):
 
     @classmethod
     def memory_for_new_goal(cls, memory: Any, config: Any) -> PaperMemory:
-        """Return a new memory with the present motion, for the limits of acceleration."""
+        """Return a new memory with the current motion, for the limits of acceleration."""
         return new_paper_memory()._replace(command=memory.command)
 
     @staticmethod

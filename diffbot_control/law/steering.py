@@ -153,57 +153,57 @@ def bearing_weight(rho: float) -> float:
     return BEARING_WEIGHT * min(1.0, rho / BEARING_FADE)
 
 
-UNDECIDED, FRONT, BACK = 0, 1, -1
+UNDECIDED, FORWARD, BACKWARD = 0, 1, -1
 """Direction of travel: not chosen yet, forwards, backwards."""
 
 
-class Course(NamedTuple):
-    """Decisions that are made for each goal, and again when the robot leaves Omega_L."""
+class Approach(NamedTuple):
+    """How the robot drives to the goal. It is chosen for each goal, and again when the robot leaves Omega_L."""
 
-    leading: int
-    """direction of travel: UNDECIDED, FRONT or BACK"""
-    turned: bool
-    """the robot arrives with the opposite heading (``symmetric_yaw_tolerance``)"""
+    direction: int
+    """direction of travel: UNDECIDED, FORWARD or BACKWARD"""
+    opposite_heading: bool
+    """True to arrive with the opposite heading (``symmetric_yaw_tolerance``)"""
 
 
-def chosen_course(navigation: Navigation, allow_backward: bool, symmetric: bool) -> Course:
-    """Return the course with the least turning.
+def choose_approach(navigation: Navigation, allow_backward: bool, symmetric: bool) -> Approach:
+    """Return the approach with the least turning.
 
-    alpha_d and beta_d are the bearings for a direction of travel, see :func:`led_by`. The robot turns by |alpha_d| onto
-    the line to the goal, and by |beta_d| from this line to the heading at the goal.
+    alpha_d and beta_d are the bearings for a direction of travel, see :func:`in_direction`. The robot turns by
+    |alpha_d| onto the line to the goal, and by |beta_d| from this line to the heading at the goal.
     """
     rear_alpha, rear_beta = _opposite(navigation.alpha), _opposite(navigation.beta)
     alpha, beta = abs(navigation.alpha), abs(navigation.beta)
-    best, leading, turned = alpha + beta, FRONT, False
+    best, direction, opposite = alpha + beta, FORWARD, False
     if allow_backward and rear_alpha + rear_beta < best:
-        best, leading = rear_alpha + rear_beta, BACK
+        best, direction = rear_alpha + rear_beta, BACKWARD
     if symmetric and alpha + rear_beta < best:
-        best, leading, turned = alpha + rear_beta, FRONT, True
+        best, direction, opposite = alpha + rear_beta, FORWARD, True
     if symmetric and allow_backward and rear_alpha + beta < best:
-        leading, turned = BACK, True
-    return Course(leading, turned)
+        direction, opposite = BACKWARD, True
+    return Approach(direction, opposite)
 
 
 def _opposite(angle: float) -> float:
     return abs(wrap_angle(angle - math.pi))
 
 
-def led_by(navigation: Navigation, leading: int) -> Navigation:
-    """Return the variables with alpha_d and beta_d, the bearings for a direction of travel: turned by pi for BACK."""
-    if leading != BACK:
+def in_direction(navigation: Navigation, direction: int) -> Navigation:
+    """Return the variables with alpha_d and beta_d, which are alpha and beta, turned by pi for BACKWARD."""
+    if direction != BACKWARD:
         return navigation
     return Navigation(navigation.rho, wrap_angle(navigation.alpha - math.pi), wrap_angle(navigation.beta - math.pi))
 
 
-def drive_and_steer(navigation: Navigation, ratio: float, leading: int, gains: Gains, data_sheet: DataSheet) -> Twist:
-    """Return the command of Omega_G within the bounds of the velocities; ``navigation`` is from :func:`led_by`."""
+def drive_and_steer(navigation: Navigation, ratio: float, direction: int, gains: Gains, data_sheet: DataSheet) -> Twist:
+    """Return the command of Omega_G within the velocity limits; ``navigation`` is a result of :func:`in_direction`."""
     rho, alpha, beta = navigation
     cosine = math.cos(alpha)
     speed = approach_speed(rho, ratio, gains, data_sheet.v_max)
     phi = signed_braking(alpha, gains.turn_brake, gains.turn_react, data_sheet.omega_max)
     turn = speed / max(rho, _SMALLEST_DISTANCE) * cosine * sinc(alpha) * (alpha + bearing_weight(rho) * beta)
     command = limit_global(phi, speed * cosine, turn, data_sheet)
-    return command if leading != BACK else Twist(-command.v, command.omega)
+    return command if direction != BACKWARD else Twist(-command.v, command.omega)
 
 
 def turn_to_the_goal(alpha: float, gains: Gains, data_sheet: DataSheet) -> Twist:
@@ -215,14 +215,14 @@ def turn_to_the_goal(alpha: float, gains: Gains, data_sheet: DataSheet) -> Twist
 def drive_and_hold(
     navigation: Navigation, heading_error: float, ratio: float, gains: Gains, data_sheet: DataSheet
 ) -> Twist:
-    """Return the command of Omega_L within the bounds of the velocities; it reduces ``heading_error`` [rad] to 0."""
+    """Return the command of Omega_L within the velocity limits; it reduces ``heading_error`` [rad] to 0."""
     speed = approach_speed(navigation.rho, ratio, gains, data_sheet.v_max)
     omega = -signed_braking(heading_error, gains.hold_brake, gains.hold_react, data_sheet.omega_max)
     return limit_local(Twist(speed * math.cos(navigation.alpha), omega), data_sheet)
 
 
-def course_lyapunov(navigation: Navigation) -> float:
-    """Return V of Omega_G: (rho^2 + alpha_d^2 + h beta_d^2) / 2; ``navigation`` is the result of :func:`led_by`."""
+def global_lyapunov(navigation: Navigation) -> float:
+    """Return V of Omega_G, (rho^2 + alpha_d^2 + h beta_d^2) / 2, for a result of :func:`in_direction`."""
     rho, alpha, beta = navigation
     return 0.5 * (rho * rho + alpha * alpha + bearing_weight(rho) * beta * beta)
 

@@ -1,4 +1,4 @@
-"""The law ``switching``: its step predicts over the latency, selects region and course, and limits the command."""
+"""The law ``switching``: its step predicts over the latency, selects region and approach, and limits the command."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from diffbot_control.law.law import Law, Observation, Report
 from diffbot_control.law.limits import limit_change
 from diffbot_control.law.regions import MAX_DEPARTURES, OMEGA_G, OMEGA_L, Switching, SwitchInput, next_switching
 from diffbot_control.law.steering import (
-    BACK,
+    BACKWARD,
     HALF_PI,
     UNDECIDED,
-    Course,
+    Approach,
     Gains,
     Navigation,
-    chosen_course,
-    course_lyapunov,
+    choose_approach,
     drive_and_hold,
     drive_and_steer,
     gains_of,
-    led_by,
+    global_lyapunov,
+    in_direction,
     local_lyapunov,
     navigation_variables,
     turn_to_the_goal,
@@ -41,7 +41,7 @@ class SwitchingMemory(NamedTuple):
     command: Twist
     """the last command"""
     settling: Settling
-    course: Course
+    approach: Approach
     actuation: Actuation
     reached: bool
     """the goal counts as reached"""
@@ -53,7 +53,7 @@ def new_memory() -> SwitchingMemory:
         Switching(OMEGA_G, 0, 0.0),
         Twist(0.0, 0.0),
         Settling(0, False),
-        Course(UNDECIDED, False),
+        Approach(UNDECIDED, False),
         resting_actuation(),
         False,
     )
@@ -61,7 +61,7 @@ def new_memory() -> SwitchingMemory:
 
 def with_motion(memory: SwitchingMemory, command: Twist, actuation: Actuation) -> SwitchingMemory:
     """Return the memory with another motion, in a form that numba can compile."""
-    return SwitchingMemory(memory.switching, command, memory.settling, memory.course, actuation, memory.reached)
+    return SwitchingMemory(memory.switching, command, memory.settling, memory.approach, actuation, memory.reached)
 
 
 def step(
@@ -75,13 +75,13 @@ def step(
     actuation, estimate = coasted_estimate(memory, observation.estimate, dt, config)
     uncertainty = estimate.uncertainty
     original = into_frame(estimate.pose, goal)
-    local = _turned(original) if memory.course.turned else original
+    local = _turned(original) if memory.approach.opposite_heading else original
     navigation = navigation_variables(local)
     present = SwitchInput(navigation.rho, local.theta, memory.command, memory.reached)
     switching, radius = next_switching(memory.switching, present, uncertainty, dt, tolerance, sheet)
-    course = _next_course(memory, switching.region, original, config)
-    if course.turned != memory.course.turned:
-        local = _turned(original) if course.turned else original
+    approach = _next_approach(memory, switching.region, original, config)
+    if approach.opposite_heading != memory.approach.opposite_heading:
+        local = _turned(original) if approach.opposite_heading else original
         navigation = navigation_variables(local)
     gains = gains_of(sheet, observation.period)
     ratio = uncertainty_ratio(uncertainty.xy, config.sigma_known, tolerance.xy_goal_tolerance)
@@ -89,9 +89,9 @@ def step(
         lyapunov = local_lyapunov(navigation, local.theta)
         requested = _near(navigation, local.theta, ratio, gains, config)
     else:
-        led = led_by(navigation, course.leading)
-        lyapunov = course_lyapunov(led)
-        requested = _far(led, ratio, course.leading, gains, config)
+        directed = in_direction(navigation, approach.direction)
+        lyapunov = global_lyapunov(directed)
+        requested = _far(directed, ratio, approach.direction, gains, config)
     command = limit_change(requested, memory.command, dt, sheet)
     rho, alpha, beta = navigation
     if not math.isfinite(rho + alpha + local.theta + command.v + command.omega):
@@ -99,7 +99,7 @@ def step(
     inside = switching.region == OMEGA_L and within(local, rho, command, tolerance, sheet, uncertainty)
     settling = next_settling(memory.settling, inside, tolerance)
     report = Report(rho, alpha, beta, local.theta, radius, switching.region, lyapunov)
-    after = SwitchingMemory(switching, command, settling, course, actuation, settling.reached)
+    after = SwitchingMemory(switching, command, settling, approach, actuation, settling.reached)
     return after, command, report
 
 
@@ -118,21 +118,21 @@ def _turned(local: Pose) -> Pose:
     return Pose(-local.x, -local.y, wrap_angle(local.theta - math.pi))
 
 
-def _next_course(memory: SwitchingMemory, region: int, pose: Pose, config: SwitchingConfig) -> Course:
-    """Return the course; choose a new one for a new goal, after Omega_L, and if the course is no longer allowed.
+def _next_approach(memory: SwitchingMemory, region: int, pose: Pose, config: SwitchingConfig) -> Approach:
+    """Return the approach; choose a new one for a new goal, after Omega_L, and if the approach is no longer allowed.
 
     ``pose`` is in the frame of the goal, not in the frame turned by pi.
     """
-    course = memory.course
+    approach = memory.approach
     if region == OMEGA_G:
-        is_allowed = config.allow_backward or course.leading != BACK
-        if course.leading != UNDECIDED and memory.switching.region == OMEGA_G and is_allowed:
-            return course
-        return chosen_course(navigation_variables(pose), config.allow_backward, config.symmetric_yaw_tolerance)
-    if course.leading == UNDECIDED and not course.turned and config.symmetric_yaw_tolerance:
+        is_allowed = config.allow_backward or approach.direction != BACKWARD
+        if approach.direction != UNDECIDED and memory.switching.region == OMEGA_G and is_allowed:
+            return approach
+        return choose_approach(navigation_variables(pose), config.allow_backward, config.symmetric_yaw_tolerance)
+    if approach.direction == UNDECIDED and not approach.opposite_heading and config.symmetric_yaw_tolerance:
         # The first pose is already near the goal, so the law chooses only the heading.
-        return Course(UNDECIDED, memory.command == (0.0, 0.0) and abs(pose.theta) > HALF_PI)
-    return course
+        return Approach(UNDECIDED, memory.command == (0.0, 0.0) and abs(pose.theta) > HALF_PI)
+    return approach
 
 
 def _near(navigation: Navigation, theta: float, ratio: float, gains: Gains, config: SwitchingConfig) -> Twist:
@@ -143,11 +143,11 @@ def _near(navigation: Navigation, theta: float, ratio: float, gains: Gains, conf
     return Twist(0.0, command.omega)
 
 
-def _far(led: Navigation, ratio: float, leading: int, gains: Gains, config: SwitchingConfig) -> Twist:
-    """Return the command of Omega_G; ``led`` is the result of :func:`led_by`."""
-    if not config.allow_backward and abs(led.alpha) >= HALF_PI:
-        return turn_to_the_goal(led.alpha, gains, config.data_sheet)
-    return drive_and_steer(led, ratio, leading, gains, config.data_sheet)
+def _far(directed: Navigation, ratio: float, direction: int, gains: Gains, config: SwitchingConfig) -> Twist:
+    """Return the command of Omega_G; ``directed`` is the result of :func:`in_direction`."""
+    if not config.allow_backward and abs(directed.alpha) >= HALF_PI:
+        return turn_to_the_goal(directed.alpha, gains, config.data_sheet)
+    return drive_and_steer(directed, ratio, direction, gains, config.data_sheet)
 
 
 class SwitchingLaw(Law):
@@ -164,7 +164,7 @@ class SwitchingLaw(Law):
 
     @classmethod
     def memory_for_new_goal(cls, memory: Any, config: Any) -> SwitchingMemory:
-        """Return a new memory with the present motion, for the limits of acceleration and the prediction."""
+        """Return a new memory with the current motion, for the limits of acceleration and the prediction."""
         return with_motion(new_memory(), memory.command, memory.actuation)
 
     @staticmethod

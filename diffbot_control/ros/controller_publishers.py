@@ -213,7 +213,7 @@ class ControllerPublishers:
         self._goal_states.publish(GoalStatusArray(status_list=[_status_of(record) for record in accepted]))
 
     def publish_feedback(self, feedback: GoalFeedback) -> None:
-        """Publish the progress towards the present goal, if the topic has a subscription."""
+        """Publish the progress towards the current goal, if the topic has a subscription."""
         if not self._feedbacks.get_subscription_count():
             return
         values = {

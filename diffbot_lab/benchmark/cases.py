@@ -24,21 +24,21 @@ NONE: Values = MappingProxyType({})
 DURATION = 60.0
 """[s] duration of a run"""
 XY_TOLERANCE, YAW_TOLERANCE = 0.1, 0.1
-"""[m], [rad] Largest errors of position and heading at the end of a successful run."""
+"""[m], [rad] largest errors of position and heading of a settled run"""
 WHEEL_RADIUS = 0.05
 """[m]"""
 LIMITS: Values = {"linear.x.max_velocity": 1.3, "angular.z.max_velocity": 2.6, "wheel.max_velocity": 1.3 / WHEEL_RADIUS}
-"""Limits of every case: 1.3 m/s at the rims, 2.6 rad/s."""
+"""Limits of every case: 1.3 m/s for the robot and for the rims of the wheels, 2.6 rad/s."""
 ARENA, TRAINING, FAR, NEAR, DOCKING, SHORT = "arena", "training", "far", "near", "docking", "short"
-"""Kinds of starts. ARENA stands for the 17 starts of the paper; the others are random."""
+"""Kinds of starts. ARENA are the 17 starts of the paper; the other kinds are random."""
 SPEED, ACCELERATION, OWN = "speed", "acceleration", "own"
-"""Tables of the results: bounded speeds; bounded speeds and accelerations; cases of this project's law only."""
+"""Tables of the results: limited speeds; limited speeds and accelerations; cases of this project's law only."""
 _DISTANCES = {NEAR: (0.0, 1.0), SHORT: (0.05, 0.7)}
-"""[m] range of the distances of random starts from the goal; the other kinds have 0.2 to 15 m"""
+"""[m] range of the distances of random starts from the goal; TRAINING and FAR have 0.2 to 15 m"""
 
 
 class BenchmarkCase(NamedTuple):
-    """One case. The mappings contain the parameters that differ from the defaults."""
+    """One case. The mappings contain only parameters that differ from the defaults."""
 
     name: str
     text: str
@@ -130,7 +130,7 @@ def cases_named(names: tuple[str, ...], cases: tuple[Any, ...] = CASES) -> tuple
 
 
 def world_of(case: BenchmarkCase) -> tuple[PlantConfig, SensorConfig, FilterConfig]:
-    """Return plant, sensors and filter of a case. The plant's largest wheel speed is the one of the data sheet."""
+    """Return plant, sensors and filter of a case. The plant limits the wheel speed as the data sheet does."""
     values = {"wheel_speed_max": LIMITS["wheel.max_velocity"], **case.world}
     plant = {one.name for one in parameters_of(PlantConfig)}
     of_plant = {name: value for name, value in values.items() if name in plant}
@@ -139,14 +139,15 @@ def world_of(case: BenchmarkCase) -> tuple[PlantConfig, SensorConfig, FilterConf
 
 
 def arena_starts() -> Array:
-    """Return the starts (17, 3) [m, m, rad] of the paper's simulations: B (8 points, two headings), then A."""
+    """Return the starts (17, 3) [m, m, rad] of the paper: simulation B (8 points, 2 headings), then simulation A."""
     return np.concatenate([*(starts_of("b", heading).poses for heading in HEADINGS_B), starts_of("a").poses])
 
 
 def starts_named(kind: str, count: int, seed: int) -> Array:
     """Return starts (count, 3) [m, m, rad] of a kind, for a goal at the origin with heading 0.
 
-    Random starts depend on ``seed`` and the kind. Their distances are uniformly distributed.
+    Random starts depend on ``seed`` and the kind. Their distances from the goal are uniformly distributed, except for
+    DOCKING.
     """
     if kind == ARENA:
         poses: Array = np.resize(arena_starts(), (count, 3))

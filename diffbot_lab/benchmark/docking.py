@@ -1,7 +1,7 @@
 """Compare this project's docking law with Nav2's docking server: ``diffbot benchmark docking``.
 
-Run i has the same start and the same noise for both laws. Both receive the estimate of the same filter in the frame of
-the dock. Contact is the first time that the true pose crosses x = 0 of the dock's frame in the direction of the dock.
+Run i has the same start and the same noise for both laws. Both laws receive the estimate of the same filter, in the
+frame of the dock. Contact is the first time at which the true pose crosses x = 0 of this frame towards the dock.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from tqdm import tqdm
 from diffbot_control.filter.config import CALIBRATING, FilterConfig
 from diffbot_control.law.docking import Docking
 from diffbot_control.law.law import Law
-from diffbot_core.errors import InvalidValueError
 from diffbot_core.files import output_folder, write_json
 from diffbot_core.schema import build, parameters_of
 from diffbot_lab.benchmark.cases import DURATION, LIMITS, NONE, Values, cases_named
@@ -33,30 +32,31 @@ from diffbot_sim.robot_step import Case
 Array = NDArray[np.float64]
 
 XY_TOLERANCE, YAW_TOLERANCE = 0.02, math.radians(2.0)
-"""[m], [rad] Largest lateral error and heading error at contact of a docked robot."""
+"""[m], [rad] largest lateral error and heading error at contact with which a robot counts as docked"""
 FILTER = FilterConfig(filter=CALIBRATING, wheels_as_configured=0.0, wheel_radius_sigma=0.02)
-"""Like the configuration for docks, it assumes that the wheels are not as configured."""
+"""The filter assumes that the wheels differ from their parameters, as it should on a robot that docks."""
 LAWS: dict[str, type[Law]] = {"docking": Docking, "nav2_docking": Nav2Docking}
 LABELS = {"docking": "docking", "nav2_docking": "Nav2's docking server"}
 CONTACT_COLUMNS = ("lateral", "heading", "time", "speed")
-"""Columns of a contact: lateral error [m], heading error [rad], time [s], speed along the axis [m/s]. All are nan if
-there is no contact."""
+"""Columns of an array of contacts: lateral error [m], heading error [rad], time [s], speed along the axis [m/s]. All
+are nan if there is no contact."""
 _CHUNK = 500
 """number of runs whose histories are in memory at a time"""
 _PATHS = 40
-"""number of paths in the figure for each law"""
+"""number of paths of each law in the figure"""
 
 
 class DockingCase(NamedTuple):
-    """One case. By default, 20 % of the detections are lost and the actuators are the realistic mix."""
+    """One case. By default, 20 % of the detections are lost, and the actuators are those of the case ``mix``."""
 
     name: str
     text: str
     detector: Values = NONE
     """parameters of the detector that differ from the default"""
     is_mixed: bool = True
-    """True for the actuators of the case ``mix``, False for ideal actuators with bounded speeds"""
+    """True for the actuators of the case ``mix``, False for ideal actuators with limited speeds"""
     backward: bool = False
+    """True if the robot docks with its back"""
     sampling_time: float = 0.1
     """[s]"""
 
@@ -72,7 +72,7 @@ CASES = (
 
 
 def case_of(case: DockingCase, law: type[Law]) -> Case:
-    """Return the simulation case of a law. The law receives the data sheet of the actuators."""
+    """Return the simulation case of a law. The data sheet of the law describes the actuators."""
     (mix,) = cases_named(("mix",))
     actuators = {name: value for name, value in mix.world.items() if not name.startswith("fix_")}
     plant = {"wheel_speed_max": LIMITS["wheel.max_velocity"], "sampling_time": case.sampling_time}
@@ -92,16 +92,20 @@ def docking_starts(count: int, seed: int) -> Array:
 
 
 def turned(poses: Array) -> Array:
-    """Return poses (..., n >= 3) in the dock's frame turned by pi, with front and back of the robot swapped."""
+    """Transform poses (..., n >= 3) of a robot that docks with its back to those of a robot that docks with its front.
+
+    The dock's frame is turned by pi, and so is the robot.
+    """
     result: Array = poses.copy()
     result[..., :2] *= -1.0
     return result
 
 
 def contacts(histories: Array, sampling_time: float) -> Array:
-    """Return the contacts (runs, 4) of CONTACT_COLUMNS.
+    """Return the contacts (runs, 4), columns as CONTACT_COLUMNS.
 
-    The robot docks in the direction of x. All values are interpolated linearly between two steps.
+    The robot docks in the direction of x. All values are interpolated linearly between the steps before and after the
+    contact.
 
     Args:
         histories: (runs, steps + 1, >= 3); the first columns are x, y and theta.
@@ -122,9 +126,9 @@ def contacts(histories: Array, sampling_time: float) -> Array:
 
 
 def run_docking(case: DockingCase, law: type[Law], starts: Array, seed: int, bar: Any = None) -> tuple[Array, Array]:
-    """Return the contacts (runs, 4) of one run from each start, and the paths (<= 500, steps + 1, 3) of the first runs.
+    """Simulate one run from each start. Return all contacts (runs, 4) and some paths (<= 500, steps + 1, 3).
 
-    Both are in the frame of the dock, which is turned by pi if the robot docks backwards. The progress bar counts the
+    Both are in the frame of the dock; see :func:`turned` if the robot docks with its back. The progress bar counts the
     finished runs.
     """
     shared, chunks, paths = case_of(case, law), [], np.empty((0, 0, 3))
@@ -141,7 +145,7 @@ def run_docking(case: DockingCase, law: type[Law], starts: Array, seed: int, bar
 
 
 def figures_of(runs: Array) -> dict[str, Any]:
-    """Return the figures of the contacts (runs, 4) of runs."""
+    """Return the statistics of contacts (runs, 4)."""
     touched = runs[~np.isnan(runs[:, 0])]
     docked = int(((np.abs(touched[:, 0]) <= XY_TOLERANCE) & (np.abs(touched[:, 1]) <= YAW_TOLERANCE)).sum())
     return {
@@ -167,10 +171,8 @@ def run_and_report(runs: int, seed: int, names: tuple[str, ...], folder: Path) -
         folder: folder of results.json and docking.png.
 
     Raises:
-        DiffbotError: for fewer than one run or an unknown case, or if the folder cannot be written.
+        DiffbotError: for an unknown case, or if the folder cannot be written.
     """
-    if runs < 1:
-        raise InvalidValueError("runs", runs, ">= 1")
     cases, starts = cases_named(names, CASES), docking_starts(runs, seed)
     results: dict[str, Any] = {"runs": runs, "seed": seed, "duration": DURATION, "cases": []}
     shown: dict[str, tuple[Array, Array]] = {}
@@ -194,7 +196,7 @@ def run_and_report(runs: int, seed: int, names: tuple[str, ...], folder: Path) -
 
 
 def table(results: dict[str, Any]) -> list[str]:
-    """Return the lines of a Markdown table with the figures of both laws in each case."""
+    """Return the lines of a Markdown table with the statistics of both laws in each case."""
     head = ["case", "law", "docked [%]", "beside", "no contact", "lateral [cm]: 50/95/99 %"]
     head += ["heading [degrees]: 50/95/99 %", "time [s]: 50/95/99 %", "speed [m/s]: 50/95/99 %"]
     scales = {"lateral": (100.0, 2), "heading": (math.degrees(1.0), 2), "time": (1.0, 1), "speed": (1.0, 2)}

@@ -14,11 +14,11 @@ from diffbot_core.schema import build, parameters_of
 from diffbot_lab.benchmark.cases import LIMITS, NONE, OWN, BenchmarkCase, Values
 
 Space = Mapping[str, tuple[float, float]]
-"""Ranges of the parameters that are tuned."""
+"""Range (low, high) of each tuned parameter."""
 OWN_NAME = "switching"
-"""Name of this project's law, which has its default preset."""
+"""Name of this project's law. It is not tuned: it has its default preset."""
 TUNING = Path(__file__).with_name("tuning.json")
-"""Result of the last ``diffbot benchmark tune``, installed with the package."""
+"""Result of ``diffbot benchmark tune`` that is installed with the package."""
 
 
 class BenchmarkLaw(NamedTuple):
@@ -32,7 +32,7 @@ class BenchmarkLaw(NamedTuple):
     values: Values = NONE
     """parameters that differ from the law's defaults"""
     place: str = ""
-    """name or ``package.module:Class`` for :func:`resolve_law`; empty if the law is registered as ``name``"""
+    """argument of :func:`resolve_law`: name or ``package.module:Class``; empty if the law is registered as ``name``"""
 
     @property
     def law(self) -> type[Law]:
@@ -87,7 +87,7 @@ _PURSUIT: Space = {
     "angular_dist_threshold": (0.05, 1.0),
 }
 _PARK = "J. J. Park, B. Kuipers, ICRA 2011, with the finish of nav2_graceful_controller"
-_NAV2_SOURCE = "nav2_graceful_controller, Jazzy, equal to its compiled code; planned again every second, no prediction"
+_NAV2_SOURCE = "nav2_graceful_controller, Jazzy, equal to its compiled code; a new plan every second, no prediction"
 _SLOW: Values = {"slow_distance": 0.2, "slow_slope": 0.8}
 _SLOW_DRIVE: Space = {**_DRIVE, "slow_distance": (0.05, 0.6), "slow_slope": (0.2, 2.0)}
 _ORIOLO = "G. Oriolo, A. De Luca, M. Vendittelli, IEEE Trans. Control Systems Technology 10 (2002)"
@@ -111,7 +111,7 @@ ENTRIES = (
 def entries_for(places: tuple[str, ...]) -> tuple[BenchmarkLaw, ...]:
     """Return this project's law and the laws of ``places``; without places, return all entries.
 
-    A place is the name of an entry, or a name or ``package.module:Class`` for :func:`resolve_law`.
+    A place is the name of an entry, or an argument of :func:`resolve_law`.
 
     Raises:
         InvalidValueError: if a law is not found.
@@ -128,16 +128,16 @@ def _other_law(place: str) -> BenchmarkLaw:
 
 
 def is_run(entry: BenchmarkLaw, case: BenchmarkCase) -> bool:
-    """Return True if the case includes the law."""
+    """Return True if the law drives in this case."""
     return case.table != OWN or entry.name == OWN_NAME
 
 
 def config_of(entry: BenchmarkLaw, case: BenchmarkCase, tuned: Values) -> Any:
-    """Return the configuration of a law in a case: its own values, tuned values, and the data sheet.
+    """Return the configuration of a law in a case.
 
     Args:
         entry: the law.
-        case: the case. The law receives the parameters of its data sheet by name, as far as it has them.
+        case: the case. Parameters of its data sheet that the law does not have are ignored.
         tuned: tuned values, which replace the values of the entry.
     """
     names = {one.name for one in parameters_of(entry.law.Config)}
@@ -167,7 +167,7 @@ def tuned_values(tuning: dict[str, Any], entry: BenchmarkLaw) -> dict[str, Any]:
     """Return the tuned values of a law; empty if the law was not tuned.
 
     Raises:
-        InvalidValueError: for a parameter that is not in the ranges of the law.
+        InvalidValueError: for a parameter that is not tuned for this law.
     """
     values = tuning["laws"].get(entry.name, {}).get("values", {})
     for name in values:

@@ -27,10 +27,11 @@ COMPARED = (
     ("settling_time", "p99", "settling time, 99 %", "s"),
     ("position", "p95", "final position error, 95 %", "m"),
 )
-"""Compared quantities, in addition to the shares answered and settled: part, quantile, text and unit."""
+"""Compared quantities: key and quantile in the statistics, text and unit. The shares of answered and of settled runs
+are compared as well."""
 RUNS_OF_FIGURE = 12
 START_OF_FIGURE = 10
-"""Index of the start (0, 12 m), heading 220 degrees."""
+"""index of the start at (0, 12 m) with the heading 220 degrees"""
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 _TITLE_WIDTH = 17
 """number of characters in a line above a narrow panel"""
@@ -56,7 +57,7 @@ def run_and_report(options: BenchmarkOptions, folder: Path) -> int:
 def better(ours: Results, peer: Results) -> list[tuple[str, str, float, float, bool]]:
     """List the quantities in which a peer is better than this project's law.
 
-    A law without a time, because no run settles or is answered, is not ahead in this time.
+    If no run of a peer settles or is answered, its times are None, and the peer is not better in these times.
 
     Returns:
         For each quantity: text, unit, the peer's value, our value, and True if the intervals do not overlap.
@@ -100,7 +101,7 @@ def _answered(one: Results, time: int = 60) -> float:
 
 
 def table(results: Results) -> str:
-    """Return the results of all cases as text for a terminal."""
+    """Return the results of all cases as a table for a terminal."""
     labels = {one["name"]: one["label"] for one in results["laws"]}
     head = f"{'':<42}{'answered: 20 s':>15}{'30 s':>8}{'60 s':>8}{'false':>8}{'time [s]: median':>18}{'99 %':>7}"
     head += f"{'settled':>10}{'99 % [s]':>10}{'|pos| [m]: 95 %':>17}{'turns':>7}"
@@ -125,7 +126,7 @@ def _terminal_row(label: str, one: Results) -> str:
 
 
 def _pair(one: Results) -> str:
-    """Return the values of the peer and of this project's law, rounded to the first digit that differs."""
+    """Return the values of the peer and of this project's law, with enough digits to show that they differ."""
     ours, peers = one["ours"], one["peers"]
     unit = f" {one['unit']}" if one["unit"] else ""
     if ours is None:
@@ -136,7 +137,7 @@ def _pair(one: Results) -> str:
 
 
 def draw(outcomes: dict[str, Array], options: BenchmarkOptions, path: Path) -> None:
-    """Draw paths of each law from one start, and the distributions over all runs, for the nominal case.
+    """Draw paths of each law from one start, and the distributions of all runs, in the nominal case.
 
     Raises:
         OSError: if the file cannot be written.
@@ -148,7 +149,7 @@ def draw(outcomes: dict[str, Array], options: BenchmarkOptions, path: Path) -> N
     tuning, start, entries = read_tuning(options.tuning), arena_starts()[START_OF_FIGURE], entries_for(options.laws)
     figure, panels, curves = new_grid(len(entries), 4, (15.0, 7.8))
     for index, (axes, entry) in enumerate(zip(panels, entries, strict=True)):
-        # The first law has a wider line. Laws after the last colour have a dashed line.
+        # The first law has a wider line. If all colours are used, further laws have dashed lines.
         colour, line, width = _COLOURS[index % len(_COLOURS)], ("-", "--")[index // len(_COLOURS) % 2], 1.4
         width = 2.4 if index == 0 else width
         paths = run_paths(entry, case, tuned_values(tuning, entry), start, RUNS_OF_FIGURE, options.seed)
@@ -190,7 +191,7 @@ def _draw_paths(axes: Any, paths: Array, colour: str) -> None:
 
 
 def _distributed(outcomes: Array) -> tuple[Array, ...]:
-    """Return the quantities whose distributions are drawn, from outcomes (runs, 12) of batch.COLUMNS."""
+    """Return the quantities whose distributions are drawn, for outcomes (runs, 12), columns as batch.COLUMNS."""
     column = {name: outcomes[:, index] for index, name in enumerate(COLUMNS)}
     position = np.maximum(np.hypot(column["x"], column["y"]), 1e-4)
     return column["reached_time"], column["settling_time"], position, np.maximum(np.abs(column["theta"]), 1e-5)

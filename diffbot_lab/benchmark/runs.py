@@ -1,7 +1,7 @@
 """Run all laws under equal conditions: ``diffbot benchmark switching``.
 
-Every law has the same starts, the same noise (run i has the noise of (seed, i)), the same limits and the same data
-sheet. The peers were tuned with the same budget, on other starts and other noise (:mod:`.tuning`).
+Run i has the same start and the same noise for every law. All laws have the same limits and the same data sheet. The
+peers were tuned with the same budget, with other starts and other noise (:mod:`.tuning`).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 
 NOMINAL = "nominal"
 TRAINING_SEED = 1_000_003
-"""Seed of noise, starts and optimiser of the tuning. No comparison may use this seed."""
+"""Seed of noise, starts and optimiser of the tuning. The benchmark refuses this seed."""
 
 
 class BenchmarkOptions(NamedTuple):
@@ -47,12 +47,12 @@ class BenchmarkOptions(NamedTuple):
     seed: int
     """seed of noise and random starts"""
     laws: tuple[str, ...] = ()
-    """peers: names of entries or ``package.module:Class``; empty for all entries"""
+    """peers, see :func:`entries_for`; empty for all entries"""
     cases: tuple[str, ...] = ()
     """names of cases; empty for all cases"""
     tuning: Path = TUNING
     own_runs: int = 0
-    """number of runs from each start for this project's law if it exceeds ``runs``, for narrower intervals"""
+    """number of runs from each start for this project's law, if it is larger than ``runs``; narrows the intervals"""
 
     def runs_of(self, entry: BenchmarkLaw) -> int:
         """Return the number of runs of a law in a case."""
@@ -72,7 +72,7 @@ def case_of(entry: BenchmarkLaw, case: BenchmarkCase, tuned: Values) -> Case:
 
 
 def run_case(entry: BenchmarkLaw, case: BenchmarkCase, tuned: Values, count: int, seed: int, drawn: int = 0) -> Array:
-    """Return the outcomes (count, 12) of runs. Run i has the same start and noise for every law.
+    """Return the outcomes (count, 12) of runs, columns as batch.COLUMNS.
 
     Args:
         entry: the law.
@@ -80,7 +80,8 @@ def run_case(entry: BenchmarkLaw, case: BenchmarkCase, tuned: Values, count: int
         tuned: tuned values, which replace the values of the entry.
         count: number of runs.
         seed: seed of noise and random starts.
-        drawn: number of random starts to draw, at least ``count``. The runs use the first ``count`` starts.
+        drawn: number of random starts to draw, if larger than ``count``; the runs use the first ones. Random starts
+            depend on this number, so it has to be equal for all laws.
     """
     starts = Starts(cases.starts_named(case.starts, max(count, drawn), seed)[:count])
     return run_batch(case_of(entry, case, tuned), starts, seed, 0, count, law=entry.law)
@@ -93,17 +94,15 @@ def run_paths(entry: BenchmarkLaw, case: BenchmarkCase, tuned: Values, start: Ar
 
 
 def run_benchmark(options: BenchmarkOptions) -> tuple[dict[str, Any], dict[str, Array]]:
-    """Execute all runs, with a progress bar on a terminal.
+    """Run all laws in all cases. On a terminal, show a progress bar.
 
     Returns:
         The content of results.json without the list of peers that are ahead, and the outcomes in the nominal case by
         the name of the law.
 
     Raises:
-        InvalidValueError: for fewer than one run, the seed of the training, an unknown law or case.
+        InvalidValueError: for the seed of the tuning, or an unknown law or case.
     """
-    if options.runs < 1:
-        raise InvalidValueError("runs", options.runs, ">= 1")
     if options.seed == TRAINING_SEED:
         raise InvalidValueError("seed", options.seed, sentence="the laws were tuned with this seed; choose another one")
     entries, chosen = entries_for(options.laws), cases.cases_named(options.cases)

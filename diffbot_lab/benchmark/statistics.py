@@ -23,9 +23,10 @@ ANSWER_TIMES = (20, 30, 60)
 def bootstrap_interval(values: Array, level: float) -> tuple[float, float]:
     """Return the 95 % bootstrap percentile interval of a quantile, in the limit of infinitely many resamples.
 
-    The k-th smallest of n values drawn with replacement is at most the j-th smallest value of the sample with the
-    probability P(B >= k), where B is binomial with n draws of probability j / n. So no resampling is needed (B. Efron,
-    R. J. Tibshirani, An Introduction to the Bootstrap, 1993, section 16.4).
+    A resample consists of n values drawn from the sample with replacement. Its k-th smallest value is at most the j-th
+    smallest value of the sample with the probability P(B >= k), where B has the binomial distribution of n draws with
+    the probability j / n. So no resampling is needed (B. Efron, R. J. Tibshirani, An Introduction to the Bootstrap,
+    1993, section 16.4).
 
     Args:
         values: (n,) values, n >= 1.
@@ -41,7 +42,7 @@ def bootstrap_interval(values: Array, level: float) -> tuple[float, float]:
 
 
 def spread(values: Array) -> dict[str, Any]:
-    """Return the maximum, and median, 95 % and 99 % quantile with their intervals. All are None without values."""
+    """Return median, 95 % and 99 % quantile with their intervals, and the maximum. Without values, all are None."""
     result: dict[str, Any] = dict(quantiles(values, {**LEVELS, "max": 1.0}))
     for name, level in LEVELS.items():
         result[f"{name}_interval"] = None
@@ -53,7 +54,7 @@ def spread(values: Array) -> dict[str, Any]:
 
 
 def figures_of(outcomes: Array) -> dict[str, Any]:
-    """Return the statistics of outcomes (runs, 12) of batch.COLUMNS."""
+    """Return the statistics of outcomes (runs, 12), columns as batch.COLUMNS."""
     column = {name: outcomes[:, index] for index, name in enumerate(COLUMNS)}
     settled = np.isfinite(column["settling_time"])
     revolutions = column["turning"] / (2.0 * math.pi)
@@ -63,7 +64,7 @@ def figures_of(outcomes: Array) -> dict[str, Any]:
         "runs": len(outcomes),
         "settled": int(settled.sum()),
         "settled_interval": list(wilson(int(settled.sum()), len(outcomes))),
-        # Rounding removes the error of a product of steps and period: 117 steps of 0.1 s are 11.7 s.
+        # Remove the rounding error of steps times period: 117 steps of 0.1 s are 11.7 s.
         "settling_time": spread(np.round(column["settling_time"][settled], 9)),
         "position": spread(np.hypot(column["x"], column["y"])),
         "heading": spread(np.abs(column["theta"])),

@@ -1,7 +1,7 @@
-"""Tune the laws, each with the same optimiser, number of evaluations and training runs.
+"""Tune the laws, each with the same optimiser, number of evaluations and training runs: ``diffbot benchmark tune``.
 
-``diffbot benchmark tune`` writes tuning.json, which ``diffbot benchmark switching --tuning FILE`` reads. The training
-has other noise and other starts than the comparison.
+The result is tuning.json, which ``diffbot benchmark switching --tuning FILE`` reads. The training runs have other noise
+and other starts than the runs of the benchmark.
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ RUNS = 102
 """number of runs of each case in an evaluation"""
 POPULATION = 12
 _TIME, _LONG_TIME, _POSITION = 12.0, 14.0, 0.05
-"""[s], [s], [m] Scales of the median and the 99 % quantile of the settling time, and of the 95 % quantile of the
-position error. A good law has a cost of about 3."""
+"""[s], [s], [m] values that add 1 to the cost: median and 99 % quantile of the settling time, 95 % quantile of the
+position error. A good law has a cost of about 3"""
 _FAILURE, _SPIN = 20.0, 20.0
-"""Weights of the share of runs that do not settle, and of the share that turn too much near the goal."""
+"""weights in the cost: share of the runs that do not settle, and share of the runs that turn more than _MAX_TURNING"""
 _MAX_TURNING = 1.5 * 2.0 * np.pi
-"""[rad] largest turning near the goal that has no cost"""
+"""[rad] largest total turn near the goal without cost"""
 
 
 def cost_of(outcomes: Array) -> float:
-    """Return the cost of the outcomes of one case. A run that does not settle has the full duration as its time."""
+    """Return the cost of the outcomes of one case. The settling time of a run that does not settle is DURATION."""
     column = {name: outcomes[:, index] for index, name in enumerate(COLUMNS)}
     time = np.nan_to_num(column["settling_time"], nan=DURATION)
     position = np.hypot(column["x"], column["y"])
@@ -54,7 +54,7 @@ def cost_of(outcomes: Array) -> float:
 def tune(entry: BenchmarkLaw, budget: int) -> dict[str, Any]:
     """Tune one law with differential evolution (R. Storn, K. Price, J. Global Optimization 11, 1997).
 
-    The law's own values are one member of the first population. The other members are a Latin hypercube of its ranges.
+    The first population contains the law's own values. Its other members are a Latin hypercube sample of the ranges.
 
     Returns:
         The best values, their cost, the cost of the law's own values, and the number of evaluations.

@@ -22,7 +22,7 @@ _CHECKSUM = _CHECKSUM_START + b"%d}\n"
 
 
 def encode_line(entry: dict[str, Any]) -> bytes:
-    """Return a line of JSON that ends with the checksum of the text before it."""
+    """Return a line of JSON whose last value is the checksum of the text before it."""
     body = json.dumps(entry, separators=(",", ":")).encode()[:-1]
     return body + _CHECKSUM % zlib.crc32(body)
 
@@ -48,11 +48,11 @@ class Journal:
         self.done: set[tuple[int, int]] = set()
         """cell and first run of each finished chunk"""
         self.damaged = 0
-        """number of ignored lines"""
+        """number of damaged lines, which are ignored"""
         if path.exists() and not path.is_file():
             raise DiffbotError(f"{path} is not a regular file, so it cannot be a journal: choose another --out")
         try:
-            # Unbuffered, since closing would repeat a failed write.
+            # Unbuffered, because close() would try to write the buffer again after a failed write.
             self._file = path.open("ab", buffering=0)
         except OSError as error:
             raise DiffbotError(f"cannot write {path}: {error.strerror}") from None
@@ -85,7 +85,7 @@ class Journal:
         raise DiffbotError(f"{self._path} belongs to another campaign: choose another --out")
 
     def _count(self, entry: Any) -> bool:
-        """Add a chunk to the statistics, once; return False if the entry is not a chunk."""
+        """Add a chunk to the statistics if it is new. Return False if the entry is not a chunk."""
         if not isinstance(entry, dict) or not {"cell", "first"} <= set(entry):
             return False
         chunk = entry["cell"], entry["first"]

@@ -1,4 +1,4 @@
-"""Scalar options of a campaign. The command line imports this module, so it does not import the filter."""
+"""Scalar options of a campaign. This module does not import the filter, so that the command line starts fast."""
 
 from __future__ import annotations
 

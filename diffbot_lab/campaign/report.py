@@ -29,9 +29,9 @@ _ECDF_METRICS = (
     ("heading_error", "final heading error [rad]"),
 )
 _MAX_CURVES = 12
-"""Largest number of cells in the figure of distributions."""
+"""largest number of cells in the figure of distributions"""
 _MAX_LABELS = 30
-"""A heat map with more rows or columns labels only some of them and does not print the values of the cells."""
+"""largest number of rows or columns of a heat map whose rows, columns and cells are all labelled"""
 
 
 def run_and_report(
@@ -40,10 +40,10 @@ def run_and_report(
     """Run or resume the campaign of a YAML file and flags, and write its results to ``out``.
 
     Returns:
-        Exit status: 0, or 130 after an interruption, which keeps finished chunks.
+        Exit status: 0, or 130 if the campaign was interrupted. Finished chunks are kept.
 
     Raises:
-        DiffbotError: for a wrong description, the folder of another campaign, or an unreachable scheduler.
+        DiffbotError: if the description is wrong, the folder belongs to another campaign, or no scheduler answers.
     """
     campaign = read_campaign(file, flags)
     if scheduler is not None:
@@ -103,9 +103,10 @@ def _csv(rows: list[dict[str, Any]]) -> str:
 
 
 def _draw_heat_maps(campaign: Campaign, rows: list[dict[str, Any]], folder: Path) -> list[Path]:
-    """Draw success rate and median settling time over the first two parameters of the grid that have several values.
+    """Draw heat maps of the success rate and of the median settling time. Return their paths.
 
-    The other parameters have their first value.
+    The axes are the first two parameters of the grid that have several values. Only cells in which every other
+    parameter has its first value are shown.
     """
     grid: dict[str, list[Any]] = campaign.description["grid"]
     varied = [name for name, values in grid.items() if len(values) > 1]

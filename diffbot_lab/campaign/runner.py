@@ -27,7 +27,7 @@ from diffbot_sim.robot_step import Case
 _CONNECT_TIMEOUT = 10.0
 """[s] timeout for the connection to the scheduler of a cluster"""
 _RETRIES = 3
-"""Largest number of times in a row that killed workers end a pool before it has finished a chunk."""
+"""largest number of consecutive times that a killed worker may break the pool before a chunk is finished"""
 
 
 class Chunk(NamedTuple):
@@ -40,13 +40,13 @@ class Chunk(NamedTuple):
     starts: Starts
     seed: int
     law: str
-    """argument of resolve_law"""
+    """argument of :func:`resolve_law`"""
     sources: str
-    """hash of the code of the campaign"""
+    """hash of the code that determines the results"""
 
 
 def run_chunk(chunk: Chunk) -> dict[str, Any]:
-    """Simulate a chunk in a worker; return its counts.
+    """Simulate a chunk and return its counts. Workers call this function.
 
     Raises:
         DiffbotError: if the worker has another version of the code.
@@ -75,10 +75,10 @@ def run_campaign(campaign: Campaign, journal: Journal, make_executor: Callable[[
         campaign: the campaign.
         journal: journal of the campaign, to which finished chunks are written.
         make_executor: called at the start, and again after a killed worker broke the pool.
-        workers: number of chunks that run at a time. Twice as many are submitted.
+        workers: number of workers. Twice as many chunks are submitted at a time.
 
     Raises:
-        DiffbotError: if workers are killed again and again, or if a chunk cannot be written.
+        DiffbotError: if workers are killed again and again, a worker fails, or the journal cannot be written.
     """
     total = campaign.options.runs * len(campaign.cells)
     finished = sum(one.runs for one in journal.statistics)
@@ -94,7 +94,7 @@ def run_campaign(campaign: Campaign, journal: Journal, make_executor: Callable[[
             except BrokenExecutor:
                 failures = 1 if len(journal.done) > before else failures + 1
                 if failures > _RETRIES:
-                    text = "workers were killed again and again, perhaps for lack of memory; finished chunks are kept"
+                    text = "workers were killed again and again, maybe for lack of memory; finished chunks are kept"
                     raise DiffbotError(text) from None
 
 
@@ -135,7 +135,7 @@ def process_pool(workers: int) -> Executor:
 
 
 def _ignore_interrupt() -> None:
-    # Ctrl-C reaches all processes of the terminal, but the campaign shuts its workers down.
+    # Ctrl-C is sent to all processes of a terminal. The workers ignore it, because the campaign shuts them down.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 

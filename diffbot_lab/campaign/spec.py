@@ -31,9 +31,10 @@ from diffbot_sim.robot_step import EKF, TRUTH, Case
 _MAX_CELLS = 10_000
 _SECTIONS = ("start", "grid", "set")
 _STEPS_PER_CHUNK = 2_000_000
-"""Steps in one chunk: about half a second on one core, short enough for the progress bar and for interruptions."""
+"""largest number of steps in one chunk. A chunk takes about half a second on one core, which is short enough for the
+progress bar, and little is lost by an interruption"""
 _RUNS_PER_CHUNK = 100_000
-"""Largest number of runs in one chunk. It limits the memory of a worker, which holds the outcomes of these runs."""
+"""largest number of runs in one chunk, since a worker holds the outcomes of all these runs in memory"""
 
 
 @functools.cache
@@ -55,7 +56,7 @@ class Cell(NamedTuple):
 
 
 class Campaign(NamedTuple):
-    """A checked campaign."""
+    """A campaign whose description has been checked."""
 
     options: CampaignOptions
     starts: Starts
@@ -70,7 +71,7 @@ class Campaign(NamedTuple):
 
     @property
     def heading(self) -> str:
-        """Return a line with law, preset, feedback, and all values that are not the default."""
+        """Return a line with law, preset, feedback, duration, seed, and all values that are not the default."""
         given, options = self.description["set"], self.options
         law = options.law
         if law == SwitchingLaw.name and "preset" not in self.description["grid"]:
@@ -80,7 +81,7 @@ class Campaign(NamedTuple):
         return text + (", ".join(changed) or "nothing")
 
     def chunks(self, cell: int) -> range:
-        """Return the first run of each chunk of a cell. ``step`` is the size of a chunk, except for the last chunk."""
+        """Return the first run of each chunk of a cell. The ``step`` of the range is the size of a chunk."""
         size = min(max(1, _STEPS_PER_CHUNK // self.cells[cell].case.steps), _RUNS_PER_CHUNK)
         return range(0, self.options.runs, size)
 
@@ -151,7 +152,7 @@ def _cells(options: CampaignOptions, fixed: Mapping[str, Any], grid: Mapping[str
 
 
 def _ignored_parameters(feedback: str) -> dict[str, str]:
-    """Return the parameters without effect under this feedback, and the feedback that makes each of them effective."""
+    """Return the parameters that have no effect with this feedback, and the text of the feedback that each requires."""
     found: dict[str, str] = {}
     if feedback != EKF:
         found |= dict.fromkeys((one.name for one in parameters_of(FilterConfig)), "feedback: ekf")
@@ -197,7 +198,7 @@ def _interval(name: str, value: Any) -> list[float]:
 
 
 def _numbers(name: str, value: Any, count: int | None, bound: str) -> list[float]:
-    """Return a value from YAML as a list of ``count`` coordinates, or of at least one if ``count`` is None."""
+    """Return a value from YAML as a list of ``count`` coordinates; None for any number of at least one."""
     if not isinstance(value, (list, tuple)) or not value or (count is not None and len(value) != count):
         raise InvalidValueError(name, value, bound)
     if not all(_is_number(one) and POSITION[0] <= one <= POSITION[1] for one in value):
@@ -220,7 +221,11 @@ def _mapping(name: str, value: Any) -> dict[str, Any]:
 
 
 def _with_keys(name: str, value: Any, keys: tuple[str, ...]) -> Any:
-    """Return a mapping from YAML. It may contain only ``keys``."""
+    """Return a mapping from YAML that contains no other keys than ``keys``.
+
+    Raises:
+        InvalidValueError: for another key, or a value that is not a mapping.
+    """
     if not isinstance(value, dict):
         raise InvalidValueError(name, value, "a mapping with the keys " + ", ".join(keys))
     for key in value:

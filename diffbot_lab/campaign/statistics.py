@@ -1,7 +1,7 @@
-"""Statistics of many runs in little memory, independent of the order of the runs.
+"""Statistics of many runs in little memory. The result does not depend on the order of the runs.
 
-Values are counted in bins of 0.5 % width, so quantiles are accurate to 0.25 %. Only the counts are stored. They can be
-added exactly in any order.
+Only the numbers of values in bins are stored. These counts can be added exactly, in any order. A bin is 0.5 % wide, so
+quantiles are accurate to 0.25 %.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from diffbot_sim.batch import COLUMNS
 Array = NDArray[np.float64]
 
 BIN_WIDTH = 0.005
-"""Relative width of a bin."""
+"""width of a bin, as a share of its lower edge"""
 SMALLEST = 1e-6
-"""Smaller values (in any unit) count as 0."""
+"""smaller values (in any unit) count as 0"""
 LARGEST = 1e300
-"""Larger values, including infinity, count as this value."""
+"""larger values, including infinity, count as this value"""
 QUANTILES = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
 METRICS = ("settling_time", "position_error", "heading_error", "path_length", "effort", "switches", "estimation_error")
-"""Quantities that are counted for each run. A nan is not counted, e.g. the settling time if a run did not settle."""
+"""Quantities of a run that are counted. A nan, for example the settling time of a run that did not settle, is not."""
 
 _ZERO = -1
 _LOG_BASE = math.log1p(BIN_WIDTH)
 
 
 def bins_of(values: Array) -> dict[int, int]:
-    """Return the number of values in each bin, for non-negative values. Values of nan are ignored."""
+    """Return the number of values in each bin. Values must not be negative; nan is ignored."""
     values = np.minimum(values[~np.isnan(values)], LARGEST)
     with np.errstate(divide="ignore"):
         bins = np.floor(np.log(values / SMALLEST) / _LOG_BASE)
@@ -48,7 +48,7 @@ def value_of(key: int) -> float:
 
 
 def quantile(bins: Counter[int], q: float) -> float:
-    """Return the q-quantile: the smallest value with at least a share q of all values at or below it; nan if empty."""
+    """Return the q-quantile: the smallest value that at least a share q of all values does not exceed; nan if empty."""
     total = sum(bins.values())
     if total == 0:
         return math.nan
@@ -87,7 +87,7 @@ class CellStatistics:
                 self.bins[metric][key] += count
 
     def summary(self) -> dict[str, Any]:
-        """Return success rate with confidence interval, and quantiles of each metric."""
+        """Return the success rate with its confidence interval, and the quantiles of each metric."""
         low, high = wilson(self.settled, self.runs)
         figures: dict[str, Any] = {
             "runs": self.runs,
@@ -99,22 +99,22 @@ class CellStatistics:
         for metric in METRICS:
             for q in QUANTILES:
                 value = quantile(self.bins[metric], q)
-                # The number of switches is an integer, and bins up to 200 are narrower than 1.
+                # The number of switches is a whole number. Rounding is exact up to 200, where a bin is 1 wide.
                 value = float(round(value)) if metric == "switches" and not math.isnan(value) else value
                 figures[f"{metric}_q{100 * q:g}"] = None if math.isnan(value) else value
         return figures
 
     def ecdf(self, metric: str) -> tuple[list[float], list[float]]:
-        """Return the values of the empirical distribution, and for each the share of runs at or below it."""
+        """Return the empirical distribution: values, and for each value the share of runs that do not exceed it."""
         keys = sorted(self.bins[metric])
         shares = np.cumsum([self.bins[metric][key] for key in keys]) / self.runs
         return [value_of(key) for key in keys], shares.tolist()
 
 
 def count_outcomes(outcomes: Array) -> dict[str, Any]:
-    """Count outcomes (runs, 12), columns as batch.COLUMNS; return counts that can be added and written as JSON.
+    """Count outcomes (runs, 12), columns as batch.COLUMNS. The counts can be written as JSON.
 
-    Bins are pairs of key and count, since JSON objects cannot have numbers as keys.
+    Bins are pairs of key and count, because the keys of JSON objects cannot be numbers.
     """
     column = {name: outcomes[:, index] for index, name in enumerate(COLUMNS)}
     values = {

@@ -8,7 +8,7 @@ from gymnasium.envs.registration import register
 GOAL = "DiffbotGoal-v0"
 """Name of the environment."""
 MAX_STEPS = 300
-"""Steps after which an episode is truncated, 30 s with the default sampling time."""
+"""number of steps after which an episode is truncated: 30 s with the default sampling time"""
 
 register(
     GOAL,

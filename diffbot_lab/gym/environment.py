@@ -1,6 +1,6 @@
-"""``DiffbotGoal-v0``: drive the simulated robot to the pose (0, 0, 0) of map.
+"""``DiffbotGoal-v0``: drive the simulated robot to the pose (0, 0, 0) in the frame map.
 
-Plant, sensors, noise and filter are the same as in the simulation. One step is one sampling time, 0.1 s by default::
+Plant, sensors, noise and filter are the same as in the simulation. A step lasts one sampling time, 0.1 s by default::
 
     import gymnasium
 
@@ -8,8 +8,8 @@ Plant, sensors, noise and filter are the same as in the simulation. One step is 
     observation, info = env.reset(seed=1)
     observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
 
-An action, ``Box(-1, 1, (2,))``, contains shares of ``v_max`` [m/s] and ``omega_max`` [rad/s] of the data sheet, 1.3 and
-2.6 by default. If the twist exceeds the wheel speed limit, it is scaled down, which keeps its curvature.
+An action, ``Box(-1, 1, (2,))``, contains v and omega as shares of ``v_max`` and ``omega_max`` of the data sheet, which
+are 1.3 m/s and 2.6 rad/s by default. If a wheel would exceed its limit, v and omega are scaled down by one factor.
 
 An observation, ``Box(7)`` of float32, is calculated from the pose that a controller would receive (``feedback``):
 
@@ -60,13 +60,13 @@ from diffbot_sim.simulation import simulated_robot
 Floats = NDArray[np.float32]
 
 ARENA = 3.0
-"""multiple of ``start_range`` at which an episode ends"""
+"""radius of the arena as a multiple of ``start_range``"""
 HEADING_WEIGHT = 0.2
 """[m/rad] weight of the heading error in the distance D of the reward"""
 TIME_COST, END_REWARD = 0.1, 10.0
-"""[1/s] cost of time; reward at the goal and cost of leaving the arena"""
+"""[1/s] cost of time; reward for reaching the goal, and cost of leaving the arena"""
 MAX_WAIT = 1000
-"""largest number of steps in which the robot waits for its first pose"""
+"""largest number of steps for which the robot waits for its first pose"""
 _MAX_SEED = 2**63 - 1
 
 
@@ -76,18 +76,18 @@ class Task(NamedTuple):
     data_sheet: DataSheet
     tolerance: GoalTolerance
     arena: float
-    """[m] distance from the goal at which an episode ends"""
+    """[m] distance from the goal beyond which the robot has left the arena"""
     sampling_time: float
     """[s]"""
 
 
 def command_of(v: float, omega: float, data_sheet: DataSheet) -> Twist:
-    """Return the command for shares of v_max and omega_max within -1 .. 1, within the limits of the data sheet."""
+    """Return the command for v and omega as shares (-1 to 1) of v_max and omega_max, within the wheel speed limit."""
     return limit_velocity(Twist(v * data_sheet.v_max, omega * data_sheet.omega_max), data_sheet)
 
 
 def observation_of(pose: Pose, twist: Twist) -> tuple[float, float, float, float, float, float, float]:
-    """Return the unclipped observation for a pose in the goal's frame and the encoders' twist."""
+    """Return the observation for a pose in the goal's frame and the twist of the encoders, without clipping."""
     rho, alpha, beta = navigation_variables(pose)
     return rho, math.cos(alpha), math.sin(alpha), math.cos(beta), math.sin(beta), twist.v, twist.omega
 
@@ -129,15 +129,16 @@ class DiffbotGoalEnv(gymnasium.Env[Floats, Floats]):
         """Create the environment.
 
         Args:
-            world: plant, sensors and landmarks; None for the paper's robot. :meth:`reset` draws start and seed.
+            world: plant, sensors and landmarks; None for the paper's robot. Its start and seed are replaced by
+                :meth:`reset`.
             feedback: pose of the observations: ``ekf``, the filter's estimate; ``raw``, the newest fix; or ``truth``.
-            data_sheet: speeds of an action of 1, and the wheel speed limit; None for the paper's robot.
+            data_sheet: v_max and omega_max, the speeds of an action of 1, and wheel_max; None for the paper's robot.
             start_range: [m] bound of |x| and |y| of random starts.
             render_mode: None, or ``rgb_array`` for :meth:`render`.
 
         Raises:
-            InvalidValueError: for an unknown feedback, a range or speed that is not a positive number, or sensors that
-                :func:`robot_step.check_robot` refuses.
+            InvalidValueError: for an unknown feedback or render_mode, a range or speed that is not above 0 and at most
+                1000, or sensors that :func:`robot_step.check_robot` refuses.
         """
         self.config, sheet = world or WorldConfig(), data_sheet or DataSheet()
         v_max, omega_max = sheet.v_max, sheet.omega_max
@@ -164,12 +165,13 @@ class DiffbotGoalEnv(gymnasium.Env[Floats, Floats]):
         """Begin an episode. The robot stands still until its first pose arrives.
 
         Args:
-            seed: seed of starts and noise of this episode and the following episodes; None to continue with the
-                previous seed.
-            options: ``start``, a pose x [m], y [m], theta [rad] in map; without it the start is random.
+            seed: seed of starts and noise for this episode and the episodes after it; None to continue the random
+                numbers of the previous episode.
+            options: ``start``, a pose x [m], y [m], theta [rad] in map; without it, the start is random.
 
         Returns:
-            Observation and info. The info contains ``truth`` and ``feedback``, poses (3,) in map, and ``is_success``.
+            Observation and info. The info contains ``truth`` and ``feedback``, which are poses (3,) in map, and
+            ``is_success``.
 
         Raises:
             InvalidValueError: for a start that is not a pose, or if no pose arrives within MAX_WAIT steps.
@@ -241,12 +243,12 @@ class DiffbotGoalEnv(gymnasium.Env[Floats, Floats]):
 
 
 def no_pose(feedback: str) -> InvalidValueError:
-    """Return the error for a robot that received no pose in MAX_WAIT steps."""
-    return InvalidValueError("feedback", feedback, f"a feedback that delivers a pose in the first {MAX_WAIT} steps")
+    """Return the error for a robot that receives no pose in MAX_WAIT steps."""
+    return InvalidValueError("feedback", feedback, f"a feedback that has a pose within the first {MAX_WAIT} steps")
 
 
 def draw_episode(generator: np.random.Generator, start_range: float) -> tuple[StartPose, int]:
-    """Draw the start of an episode, x and y within ``start_range`` [m], and the seed of its noise."""
+    """Draw the start of an episode, with |x| and |y| up to ``start_range`` [m], and the seed of its noise."""
     x, y, turn = generator.uniform(-1.0, 1.0, 3).tolist()
     start = StartPose(start_range * x, start_range * y, math.pi * turn)
     return start, int(generator.integers(_MAX_SEED, endpoint=True))

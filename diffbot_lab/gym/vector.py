@@ -1,4 +1,4 @@
-"""Many environments ``DiffbotGoal-v0`` on the compiled loop, in one thread (extra ``batch``).
+"""Many environments ``DiffbotGoal-v0`` in one thread, on the compiled simulation loop (extra ``batch``).
 
 Use them as any vector environment::
 
@@ -6,10 +6,10 @@ Use them as any vector environment::
     observations, infos = envs.reset(seed=1)
     observations, rewards, terminations, truncations, infos = envs.step(envs.action_space.sample())
 
-Up to rounding, the environments behave as those of :mod:`environment` in Gymnasium's SyncVectorEnv. Environment i has
-the seed ``seed + i``. The step after the end of an episode resets the environment and ignores the action
-(AutoresetMode.NEXT_STEP). The first use compiles the loop, which takes a minute or two. Later uses load the
-compiled loop from a cache.
+Except for rounding errors, the results are those of Gymnasium's SyncVectorEnv with environments of :mod:`environment`.
+Environment i has the seed ``seed + i``. The step after the end of an episode resets the environment and ignores the
+action (AutoresetMode.NEXT_STEP). The first use compiles the loop, which takes a minute or two. Later, the compiled loop
+is loaded from a cache.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 _BLOCK = 64
-"""Number of steps for which the noise of a robot is drawn at once. Seeding the generator takes longer than drawing."""
+"""number of steps for which the noise of a robot is drawn at once; seeding the generator takes longer than drawing"""
 
 
 class Fleet(NamedTuple):
@@ -53,7 +53,7 @@ class Fleet(NamedTuple):
     states: Any
     """list of the robots' :class:`RobotState`"""
     all_buffers: Any
-    """list of references to the robots' :class:`RunBuffers`, which the caller keeps"""
+    """list of references to the robots' :class:`RunBuffers`. The caller has to keep the buffers"""
 
 
 class Episodes(NamedTuple):
@@ -62,9 +62,9 @@ class Episodes(NamedTuple):
     starts: Any
     """(n, 3) x [m], y [m], theta [rad] in map"""
     noise: Any
-    """(n, purposes, _BLOCK + 1, 4) numbers in [0, 1); row 0 is for the newest step that is a multiple of _BLOCK"""
+    """(n, purposes, _BLOCK + 1, 4) numbers in [0, 1). Row 0 belongs to the last step that was a multiple of _BLOCK"""
     steps: Any
-    """(n,) number of each robot's present step"""
+    """(n,) number of the current step of each robot"""
 
 
 class Results(NamedTuple):
@@ -83,9 +83,10 @@ class Results(NamedTuple):
 
 
 def _new_fleet(task: Task, buffers: RunBuffers) -> Any:
-    """Return a list whose only element is a fleet of one robot.
+    """Return a list with one element, a fleet of one robot.
 
-    Numba finds the type of its own list quickly. Finding the type of a fleet would take a millisecond at each call.
+    As an argument of a compiled function, the list costs less than the fleet: Numba needs a millisecond in each call to
+    determine the type of a fleet.
     """
     states, all_buffers, fleets = List(), List(), List()
     reference = reference_to(buffers)
@@ -107,12 +108,12 @@ def _make_step(feedback: int) -> Any:
     sense = SENSES[feedback]
 
     def step(fleets: Any, chosen: Any, begin: bool, episodes: Episodes, actions: Any, results: Results) -> None:
-        """Move the chosen robots for one sampling time, or put them at their starts. Then measure and filter.
+        """Move the chosen robots for one sampling time, or place them at their starts. Then measure and filter.
 
         Args:
             fleets: list of one fleet, see :func:`_new_fleet`.
             chosen: (k,) indices of the robots.
-            begin: True to put the robots at their starts.
+            begin: True to place the robots at their starts.
             episodes: of all robots, with the noise of this step and of the next step.
             actions: (n, 2) shares of v_max and omega_max, within -1 .. 1.
             results: of all robots. Only the rows of the chosen robots are filled.
@@ -165,7 +166,7 @@ class DiffbotGoalVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         start_range: float = 5.0,
         max_episode_steps: int = MAX_STEPS,
     ) -> None:
-        """Create the environments and compile the loop. The arguments are explained at :class:`DiffbotGoalEnv`.
+        """Create the environments and compile the loop. The arguments are those of :class:`DiffbotGoalEnv`.
 
         Raises:
             InvalidValueError: as :class:`DiffbotGoalEnv`.
@@ -243,7 +244,7 @@ class DiffbotGoalVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
             self._episodes.starts[index], self._seeds[index] = drawn
 
     def _begin(self, chosen: Indices, results: Results) -> None:
-        """Put robots at their starts. They stand still until their first pose arrives."""
+        """Place robots at their starts. They stand still until their first pose arrives."""
         self._episodes.steps[chosen], self._elapsed[chosen] = 0, 0
         self._draw_noise(chosen)
         still = np.zeros((self.num_envs, 2))
@@ -259,7 +260,7 @@ class DiffbotGoalVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         results.scores[chosen] = 0.0
 
     def _run(self, chosen: Indices, actions: Array, results: Results) -> None:
-        """Move robots for one sampling time. Draw the next block of noise when a robot has used its block."""
+        """Move robots for one sampling time. Draw new noise for robots that have used their block of noise."""
         self._step(self._fleets, chosen, False, self._episodes, actions, results)
         self._draw_noise(chosen[self._episodes.steps[chosen] % _BLOCK == 0])
 

@@ -19,16 +19,16 @@ from diffbot_core.schema import Spec
 from diffbot_core.uncertainty import Uncertainty
 
 ROTATING, DRIVING, FINISHING, REACHED = 0, 1, 2, 3
-"""Phases: turning towards the goal, driving to the goal, turning to the goal's heading, standing still."""
+"""Phases: turning towards the goal, driving to the goal, turning to the goal's heading, standing at the goal."""
 _BRAKE_SHARE, _TURN_SHARE = 0.9, 0.7
-"""Shares of the acceleration limits with which the profiles brake, so that the limits apply at the start only."""
+"""Shares of the acceleration limits with which the robot brakes, so that the limits do not change these commands."""
 _BRAKE_TIME = 0.1
 """[s] reaction time of braking before the goal"""
 STOP = Twist(0.0, 0.0)
 
 
 class Stop(NamedTuple):
-    """Errors of the estimate within which a law stands still. The goal checker decides when the goal is reached."""
+    """Errors of the estimate at which a law stops. The goal checker decides when the goal is reached."""
 
     stop_distance: Annotated[float, Spec("distance to the goal at which the drive ends", "m", 0.0, 1.0)] = 0.035
     stop_angle: Annotated[float, Spec("heading error at which the final turn ends", "rad", 0.0, 1.0)] = 0.025
@@ -42,13 +42,13 @@ class Turning(NamedTuple):
 
 
 class PeerState(NamedTuple):
-    """State of a law between steps. Each law uses the fields that it needs."""
+    """State of a law between steps."""
 
     phase: int
     direction: float
-    """1 forwards, -1 backwards, 0 not chosen yet"""
+    """direction of travel: 1 forwards, -1 backwards, 0 not chosen yet"""
     value: float
-    """number whose meaning each law defines"""
+    """a number whose meaning depends on the law"""
 
 
 class LawMemory(NamedTuple):
@@ -68,14 +68,14 @@ class Situation(NamedTuple):
     """Inputs of a law's decision, in the goal's frame."""
 
     pose: Pose
-    """estimated pose, coasted over latency and lag"""
+    """estimated pose; with dead time or lag, the coasted pose"""
     uncertainty: Uncertainty
     navigation: Navigation
     actuation: Actuation
     last: Twist
     """command of the last step"""
     settling: Settling
-    """settling after the last step"""
+    """progress of the goal checker after the last step"""
     dt: float
     """[s] time since the last step"""
 
@@ -108,9 +108,10 @@ def conclude(
     sheet: DataSheet,
     region: int = OMEGA_G,
 ) -> tuple[LawMemory, Twist, Report]:
-    """Limit a requested command to the data sheet. Return memory, command and report.
+    """Limit a requested command to the data sheet, and check whether the goal is reached.
 
-    The goal checker of this project's own law decides when the goal is reached.
+    Returns:
+        The memory, the command and the report.
     """
     command = lifted_command(limit_velocity(requested, sheet), sheet)
     command = limit_change(command, situation.last, situation.dt, sheet)
@@ -137,7 +138,7 @@ def turn_rate(angle: float, turning: Turning, sheet: DataSheet) -> float:
 
 
 def final_turn(state: PeerState, theta: float, config: Any) -> tuple[PeerState, Twist]:
-    """Turn to the goal's heading, then stand still. ``config`` has the fields stop, turning and data_sheet."""
+    """Turn to the goal's heading, then stop. ``config`` has the fields stop, turning and data_sheet."""
     if state.phase == REACHED or abs(theta) < config.stop.stop_angle:
         return PeerState(REACHED, state.direction, state.value), STOP
     omega = -turn_rate(theta, config.turning, config.data_sheet)
@@ -145,7 +146,7 @@ def final_turn(state: PeerState, theta: float, config: Any) -> tuple[PeerState, 
 
 
 def bearing(navigation: Navigation, direction: float) -> float:
-    """Return the bearing [rad] of the goal from the leading end of the robot."""
+    """Return the bearing [rad] of the goal relative to the direction of travel, 1 or -1."""
     return navigation.alpha if direction > 0.0 else wrap_angle(navigation.alpha - math.pi)
 
 
@@ -157,7 +158,7 @@ def choose_direction(navigation: Navigation) -> float:
 
 
 def step_of(decide: Callable[[Any, Situation, Any], tuple[Any, Twist]]) -> Any:
-    """Return the function ``Law.step`` of a law whose function ``decide`` gives the next state and the request."""
+    """Return the function ``step`` of a law. ``decide`` returns the next state and the requested command."""
 
     def step(memory: LawMemory, observation: Observation, goal: Pose, config: Any) -> tuple[LawMemory, Twist, Report]:
         """Answer one pose, see :meth:`diffbot_control.law.law.Law.step`."""
@@ -165,7 +166,7 @@ def step_of(decide: Callable[[Any, Situation, Any], tuple[Any, Twist]]) -> Any:
         state, requested = decide(memory.state, now, config)
         return conclude(state, requested, now, config.tolerance, config.data_sheet)
 
-    # Functions with the same name would share an entry in numba's cache.
+    # Each function needs its own name, because functions of the same name would share an entry in numba's cache.
     step.__qualname__ = f"step_of_{decide.__name__}"
     return step
 

@@ -16,11 +16,11 @@ from diffbot_core.schema import Spec
 from diffbot_lab.laws import common
 
 _START_SPEED, _MIN_SPEED = 0.15, 0.05
-"""[m/s] Initial and smallest speed of the integrator. The linearisation is singular at rest."""
+"""[m/s] initial and smallest speed of the integrator. The linearisation is singular at rest"""
 _LEAVING = 0.4
 """[m] distance beyond which the law leaves Omega_L"""
 _SPEED_SHARE, _BRAKE_SHARE = 0.97, 0.9
-"""Shares of the limits of speed and acceleration that the linear system uses."""
+"""shares of the limits of speed and acceleration that the linear system uses"""
 
 
 class FeedbackLinearisationConfig(NamedTuple):
@@ -29,9 +29,9 @@ class FeedbackLinearisationConfig(NamedTuple):
     k_p: Annotated[float, Spec("proportional gain of the linear system", "1/s^2", 0.01, 20.0)] = 1.5
     damping: Annotated[float, Spec("damping ratio of the linear system", "-", 1.001, 5.0)] = 1.02
     along_max: Annotated[float, Spec("limit of the acceleration along the path", "m/s^2", 0.05, 50.0)] = 0.93
-    region_sigmas: Annotated[float, Spec("standard deviations of the position that Omega_L covers", "-", 0.0, 10.0)] = (
-        1.2
-    )
+    region_sigmas: Annotated[
+        float, Spec("radius of Omega_L in standard deviations of the position", "-", 0.0, 10.0)
+    ] = 1.2
     region_min: Annotated[float, Spec("smallest radius of Omega_L", "m", 0.0, 1.0)] = 0.04
     near_slope: Annotated[float, Spec("speed per distance in Omega_L", "1/s", 0.0, 20.0)] = 2.3
     turning: common.Turning = common.Turning(6.9, 0.25)
@@ -43,7 +43,7 @@ class FeedbackLinearisationConfig(NamedTuple):
 def feedback_linearisation(
     state: common.PeerState, now: common.Situation, config: FeedbackLinearisationConfig
 ) -> tuple[common.PeerState, Twist]:
-    """Return the next state, whose value is the speed of the integrator, and the requested command.
+    """Return the next state and the requested command. The value of the state is the speed [m/s] of the integrator.
 
     Source: G. Oriolo, A. De Luca, M. Vendittelli, "WMR control via dynamic feedback linearization", IEEE Transactions
     on Control Systems Technology 10 (2002), posture regulation; law (17) of the paper inside Omega_L.
@@ -70,7 +70,7 @@ def feedback_linearisation(
 
 
 def _acceleration(pose: Pose, speed: float, config: FeedbackLinearisationConfig) -> tuple[float, float]:
-    """Return the accelerations [m/s^2] of the linear system, along the robot and across."""
+    """Return the accelerations [m/s^2] of the linear system along and across the robot."""
     sheet = config.data_sheet
     c, s = math.cos(pose.theta), math.sin(pose.theta)
     k_d = 2.0 * config.damping * math.sqrt(config.k_p)

@@ -13,14 +13,14 @@ from diffbot_core.schema import Spec
 from diffbot_lab.laws import common
 
 _NEAR = 1e-9
-"""[m] smallest distance in the curvature, which is proportional to 1 / r"""
+"""[m] lower bound of r in the curvature, which is proportional to 1 / r"""
 
 
 class GracefulConfig(NamedTuple):
     """Parameters, with the names of Nav2's parameter_handler.cpp (github.com/ros-navigation/navigation2).
 
-    The law drives directly to the goal, forwards or backwards. It brakes and turns within the data sheet, and predicts
-    over latencies. The module :mod:`diffbot_lab.laws.nav2_graceful` contains Nav2's unchanged controller.
+    Unlike Nav2's controller (:mod:`diffbot_lab.laws.nav2_graceful`), this law drives directly to the goal, forwards or
+    backwards. It brakes and turns within the limits of the data sheet, and predicts over latencies.
     """
 
     prefer_final_rotation: Annotated[bool, Spec("drive to the position and turn there; false: to the pose")] = True
@@ -61,7 +61,7 @@ def graceful_curvature(r: float, phi: float, delta: float, k_phi: float, k_delta
 def graceful_slowdown(
     r: float, curvature: float, v_max: float, beta: float, lambda_: float, slowdown_radius: float
 ) -> float:
-    """Return the speed [m/s] for a curvature [1/m] at distance ``r`` [m] of the target, without a smallest speed.
+    """Return the speed [m/s] for a curvature [1/m] at the distance ``r`` [m] from the target. It has no lower bound.
 
     Source: Park and Kuipers, ICRA 2011, Eq. (15), v = v_max / (1 + beta |curvature|^lambda); slowing down near the
     target: Nav2's smooth_control_law.cpp.
@@ -71,7 +71,7 @@ def graceful_slowdown(
 
 
 def graceful_speed(r: float, curvature: float, config: GracefulConfig) -> float:
-    """Return Nav2's speed [m/s] (:func:`graceful_slowdown` and a smallest speed), reduced to brake in time."""
+    """Return the speed [m/s] of :func:`graceful_slowdown`, reduced to brake in time, but at least ``v_linear_min``."""
     v_max = min(config.v_linear_max, config.data_sheet.v_max)
     v = graceful_slowdown(r, curvature, v_max, config.beta, config.lambda_, config.slowdown_radius)
     return min(max(min(v, common.approach_speed(r, config.data_sheet)), config.v_linear_min), v_max)
@@ -90,7 +90,7 @@ def graceful(state: common.PeerState, now: common.Situation, config: GracefulCon
         return common.PeerState(common.ROTATING, direction, 0.0), Twist(
             0.0, common.turn_rate(angle, config.turning, sheet)
         )
-    # A robot that drives backwards is treated as a robot that faces the other way, and its goal is turned as well.
+    # For a robot that drives backwards, turn robot and goal by pi.
     half_turn = 0.0 if direction > 0.0 else math.pi
     phi = 0.0 if config.prefer_final_rotation else wrap_angle(half_turn - beta)
     curvature = graceful_curvature(rho, phi, -angle, config.k_phi, config.k_delta)

@@ -1,12 +1,12 @@
 """Nav2's docking server as a law, with the defaults of release Jazzy.
 
-The robot drives to a staging pose, then by the graceful law to the dock. Poses and goal are in the dock's frame, as in
-:mod:`diffbot_control.law.docking`.
+The robot drives to a staging pose, and then to the dock with the graceful law. Poses and goal are in the dock's frame,
+as in :mod:`diffbot_control.law.docking`.
 
 Source: github.com/ros-navigation/navigation2, nav2_docking: approachDock and its retries in docking_server.cpp, gains
-and speeds in controller.cpp. Three differences help this peer. It drives to the staging pose by this project's
+and speeds in controller.cpp. Three differences help this law. It drives to the staging pose with this project's
 switching law. It uses the estimate of a filter instead of a smoothed detection, so a lost detection does not end an
-approach. It presses on until contact.
+approach. It drives straight on until contact.
 """
 
 from __future__ import annotations
@@ -74,27 +74,27 @@ class DockingState(NamedTuple):
     """memory of the drive to the staging pose"""
 
 
-def approach(lead: Pose, config: Nav2DockingConfig) -> Twist:
-    """Return the command of the graceful law to the dock at a pose of the leading end."""
-    dock = into_frame(Pose(0.0, 0.0, 0.0), lead)
+def approach(forward: Pose, config: Nav2DockingConfig) -> Twist:
+    """Return the command of the graceful law to the dock, for the pose of a robot that docks with its front."""
+    dock = into_frame(Pose(0.0, 0.0, 0.0), forward)
     return smooth_velocity(dock.x, dock.y, dock.theta, config)
 
 
-def next_state(state: DockingState, lead: Pose, dt: float, config: Nav2DockingConfig) -> DockingState:
-    """Return the state with the phase at a pose of the leading end."""
+def next_state(state: DockingState, forward: Pose, dt: float, config: Nav2DockingConfig) -> DockingState:
+    """Return the state at the next pose, which is the pose of a robot that docks with its front."""
     phase, retries, age = state.phase, state.retries, state.age
     if phase == UNDECIDED:
-        is_near = math.hypot(lead.x + config.staging_distance, lead.y) < config.dock_prestaging_tolerance
+        is_near = math.hypot(forward.x + config.staging_distance, forward.y) < config.dock_prestaging_tolerance
         phase = APPROACHING if is_near else STAGING
     elif phase == STAGING and state.drive.reached:
         phase, age = APPROACHING, 0.0
     elif phase == APPROACHING:
         age += dt
-        if math.hypot(lead.x, lead.y) < config.docking_threshold:
+        if math.hypot(forward.x, forward.y) < config.docking_threshold:
             phase = PRESSING
         elif age > config.dock_approach_timeout:
             phase, retries = (ENDED if retries >= config.max_retries else STAGING), retries + 1
-    elif phase == PRESSING and lead.x >= config.press_distance:
+    elif phase == PRESSING and forward.x >= config.press_distance:
         phase = ENDED
     return DockingState(phase, retries, age, state.drive)
 
@@ -118,10 +118,10 @@ class Nav2Docking(StagingLaw):
         sign = -1.0 if config.dock_backward else 1.0
         estimate, dt = observation.estimate, observation.dt
         pose = into_frame(estimate.pose, goal)
-        # A robot that docks with its back has the pose of its leading end in the dock's frame turned by pi.
-        lead = Pose(sign * pose.x, sign * pose.y, pose.theta)
+        # If the robot docks with its back, turn the dock's frame and the robot by pi.
+        forward = Pose(sign * pose.x, sign * pose.y, pose.theta)
         now = situation_of(memory, observation, goal, config.drive.data_sheet)
-        state = next_state(memory.state, lead, dt, config)
+        state = next_state(memory.state, forward, dt, config)
         if state.phase == STAGING:
             drive = state.drive
             if memory.state.phase != STAGING:
@@ -133,7 +133,7 @@ class Nav2Docking(StagingLaw):
             return LawMemory(state, drive.actuation, command, memory.settling, False), command, report
         requested = STOP
         if state.phase == APPROACHING:
-            requested = approach(lead, config)
+            requested = approach(forward, config)
         elif state.phase == PRESSING:
             requested = Twist(config.v_linear_min, 0.0)
         signed = Twist(sign * requested.v, requested.omega)

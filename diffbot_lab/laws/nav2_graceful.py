@@ -15,17 +15,17 @@ from diffbot_lab.laws.common import STOP, LawMemory, Stop, conclude, new_law_mem
 from diffbot_lab.laws.graceful import graceful_curvature, graceful_slowdown
 
 _REPLANNING = 1.0
-"""[s] time between two plans in Nav2's behaviour trees; each plan starts at the present pose"""
+"""[s] time between two plans in Nav2's behaviour trees; each plan starts at the current pose"""
 _ALL = 10**9
-"""a number that exceeds the number of poses of every path"""
+"""more poses than any path has"""
 
 
 class Nav2GracefulConfig(NamedTuple):
     """Parameters and defaults of nav2_graceful_controller, Jazzy; ``stop`` is the tolerance of its goal checker.
 
-    Three parameters of Nav2 are left out: ``allow_backward``, which is false whenever ``initial_rotation`` is true;
-    ``min_lookahead``, because the path has a pose at each lookahead; and the parameters of the collision check. The
-    defaults of Nav2's goal checker are 0.25 m and 0.25 rad.
+    Some parameters of Nav2 are left out. ``allow_backward`` must be false if ``initial_rotation`` is true.
+    ``min_lookahead`` has no effect, because the path always has a pose within the lookahead. There is no collision
+    check. The defaults of Nav2's goal checker are 0.25 m and 0.25 rad.
     """
 
     max_lookahead: Annotated[float, Spec("largest distance of the target along the path", "m", 0.05, 100.0)] = 1.0
@@ -64,11 +64,11 @@ class FollowedPlan(NamedTuple):
     age: float
     """[s] age of the plan"""
     left: int
-    """number of the path's pose nearest the robot so far, counted from the goal. The poses behind it are discarded"""
+    """index of the path's pose that is nearest to the robot, counted from the goal. Poses behind it are discarded"""
     rotates: bool
     """True until the initial rotation ends"""
     checked: bool
-    """True if the position was within the tolerance of the goal checker once"""
+    """True if the position has been within the tolerance of the goal checker"""
     done: bool
     """True if the goal checker considers the goal reached"""
 
@@ -105,8 +105,8 @@ def smooth_velocity(x: float, y: float, heading: float, config: Any) -> Twist:
 def nav2_graceful(plan: FollowedPlan, pose: Pose, config: Nav2GracefulConfig) -> tuple[FollowedPlan, Twist]:
     """Return plan and command at a pose in the goal's frame, as in ``computeVelocityCommands`` without obstacles.
 
-    Source: github.com/ros-navigation/navigation2, branch jazzy, nav2_graceful_controller. The poses of the path are
-    counted from the goal. The target is the pose nearest the goal within the lookahead.
+    The poses of the path are counted from the goal. The target is the pose that is nearest to the goal and within the
+    lookahead. Source: github.com/ros-navigation/navigation2, branch jazzy, nav2_graceful_controller.
     """
     length = math.hypot(plan.x, plan.y)
     step = length / math.ceil(length / config.path_resolution) if length > 0.0 else config.path_resolution
@@ -133,7 +133,7 @@ def nav2_graceful(plan: FollowedPlan, pose: Pose, config: Nav2GracefulConfig) ->
 
 
 def check_goal(plan: FollowedPlan, pose: Pose, stop: Stop) -> FollowedPlan:
-    """Return the plan after Nav2's SimpleGoalChecker, which has a state, has checked the pose."""
+    """Return the plan after a check by Nav2's SimpleGoalChecker: first the position, once, and then the heading."""
     checked = plan.checked or math.hypot(pose.x, pose.y) <= stop.stop_distance
     done = checked and abs(pose.theta) <= stop.stop_angle
     return FollowedPlan(plan.x, plan.y, plan.age, plan.left, plan.rotates, checked, done)
@@ -154,7 +154,7 @@ class Nav2Graceful(Law):
     def step(
         memory: LawMemory, observation: Observation, goal: Pose, config: Nav2GracefulConfig
     ) -> tuple[LawMemory, Twist, Report]:
-        """Answer one pose, within the data sheet and without prediction over latencies."""
+        """Answer one pose, within the limits of the data sheet. Nav2's controller does not predict over latencies."""
         pose, plan = into_frame(observation.estimate.pose, goal), memory.state
         command = STOP
         if not plan.done:

@@ -1,4 +1,4 @@
-"""Regulated pure pursuit of the straight line to the goal, with a rotation before and after."""
+"""Regulated pure pursuit of the straight line to the goal, with a turn on the spot before and after."""
 
 from __future__ import annotations
 
@@ -42,10 +42,11 @@ class PurePursuitConfig(NamedTuple):
 def pure_pursuit(
     state: common.PeerState, now: common.Situation, config: PurePursuitConfig
 ) -> tuple[common.PeerState, Twist]:
-    """Return the next state, whose value is the direction [rad] of the line, and the requested command.
+    """Return the next state and the requested command. The value of the state is the direction [rad] of the line.
 
     Source: S. Macenski, S. Singh, F. Martin, J. Gines, "Regulated pure pursuit for robot path tracking", Autonomous
-    Robots 47 (2023). The first turn is Nav2's rotation shim controller. The path is the line from the first pose.
+    Robots 47 (2023). The first turn is the turn of Nav2's rotation shim controller. The path is the straight line from
+    the first pose to the goal.
     """
     sheet = config.data_sheet
     rho, _, beta = now.navigation
@@ -71,7 +72,7 @@ def pure_pursuit(
 
 
 def _regulated_speed(rho: float, curvature: float, config: PurePursuitConfig) -> float:
-    """Return the speed [m/s] at a curvature [1/m] and distance ``rho`` [m]."""
+    """Return the speed [m/s] for a curvature [1/m], at the distance ``rho`` [m] from the goal."""
     v_max, slowest = config.data_sheet.v_max, config.min_approach_linear_velocity
     v = v_max
     if abs(curvature) * config.regulated_linear_scaling_min_radius > 1.0:

@@ -13,11 +13,11 @@ from diffbot_core.schema import Spec
 from diffbot_lab.laws import common
 
 _PASSED = 0.5
-"""[m] distance within which the drive ends when the robot passes the goal"""
+"""[m] distance within which the drive ends as soon as the goal is behind the robot"""
 _OFF_LINE = 0.7
-"""[rad] bearing beyond which the robot turns without driving"""
+"""[rad] bearing above which the robot turns without driving"""
 _NEAR = 0.3
-"""[m] distance below which the steering is reduced, because noise dominates the bearing"""
+"""[m] distance below which the steering is reduced, because the bearing is too noisy there"""
 
 
 class RotateDriveRotateConfig(NamedTuple):
@@ -27,8 +27,8 @@ class RotateDriveRotateConfig(NamedTuple):
     stop: common.Stop = common.Stop()
     drive_brake: Annotated[float, Spec("deceleration of the drive", "m/s^2", 0.05, 100.0)] = 5.0
     drive_time: Annotated[float, Spec("reaction time of the drive", "s", 0.02, 10.0)] = 1.0
-    slow_distance: Annotated[float, Spec("distance of the slow end of the drive; 0: none", "m", 0.0, 5.0)] = 0.0
-    slow_slope: Annotated[float, Spec("speed divided by the distance in the slow end", "1/s", 0.0, 10.0)] = 0.0
+    slow_distance: Annotated[float, Spec("length of a slow end of the drive; 0: none", "m", 0.0, 5.0)] = 0.0
+    slow_slope: Annotated[float, Spec("speed divided by distance on the slow end", "1/s", 0.0, 10.0)] = 0.0
     start_angle: Annotated[float, Spec("bearing below which the drive begins", "rad", 0.01, 1.5)] = 0.2
     line_gain: Annotated[float, Spec("steering gain of the drive", "1/s", 0.01, 50.0)] = 4.0
     tolerance: GoalTolerance = GoalTolerance()

@@ -25,9 +25,9 @@ Array = NDArray[np.float64]
 DURATION = 30.0
 """[s] length of a run; the paper does not state it"""
 EPS_P = 0.5
-"""[m] radius of Omega_L; the paper does not state it, but states a condition that holds above 0.474 m"""
+"""[m] radius of Omega_L; the paper does not state it, but its condition for the radius requires more than 0.474 m"""
 VANISHING_EPS_P = 0.25
-"""[m] radius of Omega_L if the position noise vanishes at the goal, see docs/results/reproduction.md"""
+"""[m] radius of Omega_L in the setting ``vanishing``, see docs/results/reproduction.md"""
 NEAR_GOAL = 1.0
 """[m] distance from the goal below which the position noise of the setting ``vanishing`` decreases"""
 START_A = (-2.0, -5.5, math.radians(30.0))
@@ -39,11 +39,11 @@ HEADINGS_B = (0.0, 220.0)
 XY_TOLERANCE, YAW_TOLERANCE = 0.4, 0.1
 """[m], [rad] tolerances for the settling time"""
 TEXTBOOK_FILTER = FilterConfig(filter=EKF, gate_probability=1.0, detect_correlation=False)
-"""Filter without gate and calibration, since the runs have no faults. The gate accepts every fix."""
+"""Filter without calibration, and with a gate that accepts every fix, because the runs have no faults."""
 LAWS = ("law 13", "law 17")
 
 PAPER_END_STATES = {"law 13": (0.0071, -0.0097, 0.7519), "law 17": (0.0028, 0.1049, 0.0066)}
-"""x [m], y [m], theta [rad] at the end of the paper's single runs of simulation A"""
+"""x [m], y [m], theta [rad] at the end of simulation A in the paper, which shows one run of each law"""
 
 
 class Setting(NamedTuple):
@@ -54,7 +54,7 @@ class Setting(NamedTuple):
     sensors: SensorConfig
     feedback: str
     eps_P: float = EPS_P
-    """[m] radius of Omega_L under law (17)"""
+    """[m] radius of Omega_L for law 17"""
 
 
 _INPUT_NOISE = PlantConfig(exact_arc=False, drive_noise=0.0, encoder_noise=0.0, eps_v_max=0.065, eps_omega_max=0.2167)
@@ -63,16 +63,16 @@ _EXACT = SensorConfig(eps_xy_max=0.0, eps_theta_max=0.0)
 SETTINGS = (
     # The paper's noise: the law receives fixes with uniform errors of +-0.3 m, +-0.3 m and +-0.17 rad.
     Setting("raw", _INPUT_NOISE, SensorConfig(), "raw"),
-    # The same fixes filtered by the EKF. Drives and encoders have errors of +-5 %.
+    # The EKF filters the same fixes. Drives and encoders have errors of +-5 %.
     Setting("ekf", PlantConfig(), SensorConfig(), "ekf"),
     Setting("quiet", _NO_NOISE, _EXACT, "truth"),
-    # As "raw", but within NEAR_GOAL the position noise is proportional to the distance from the goal.
+    # Like "raw", but within NEAR_GOAL the position noise is proportional to the distance from the goal.
     Setting("vanishing", _INPUT_NOISE, SensorConfig(eps_xy_distance=NEAR_GOAL), "raw", VANISHING_EPS_P),
 )
 
 
 class Group(NamedTuple):
-    """Runs that differ only in start and noise."""
+    """Results of runs that differ only in start and noise."""
 
     label: str
     law: str
@@ -94,7 +94,10 @@ def controller_of(law: str, eps_P: float) -> PaperConfig:
 
 
 def case_of(law: str, setting: Setting, literal_rear: bool = False) -> Case:
-    """Return the case of a law and a setting; ``literal_rear`` uses the printed sign of v in the rear sector."""
+    """Return the case of a law and a setting.
+
+    If ``literal_rear`` is True, the sign of v in the rear sector is the sign that the paper prints.
+    """
     return make_case(
         Configuration(setting.plant, setting.sensors, controller_of(law, setting.eps_P), TEXTBOOK_FILTER),
         DURATION,
@@ -117,7 +120,7 @@ def starts_of(name: str, heading: float = 0.0) -> Starts:
 QUANTILES = {f"{q:g}": q for q in (0.01, 0.05, 0.5, 0.95, 0.99)}
 """Quantiles by their names in results.json."""
 _TEN_SECONDS = 100
-"""Number of steps in 10 s; all settings have the same sampling time."""
+"""number of steps in 10 s; all settings have the same sampling time"""
 
 
 def run_experiment(name: str, runs: int, seed: int) -> list[Group]:
@@ -129,7 +132,7 @@ def run_experiment(name: str, runs: int, seed: int) -> list[Group]:
         seed: seed of all noise.
 
     Raises:
-        InvalidValueError: for another name, or for less than one run.
+        InvalidValueError: for another name, or for fewer than one run.
     """
     if name not in ("a", "b"):
         raise InvalidValueError("experiment", name, "a or b")
@@ -186,7 +189,7 @@ def _summary(group: Group) -> dict[str, Any]:
 
 
 def _rank_of_paper_run(law: str, column: dict[str, Array]) -> dict[str, dict[str, Any]]:
-    """Return the rank of each coordinate of the paper's end state among the end states of our runs."""
+    """Return where each coordinate of the paper's end state lies in the distribution of our end states."""
     found = {}
     for name, value in zip(("x", "y", "theta"), PAPER_END_STATES[law], strict=True):
         low, high = np.quantile(column[name], (0.01, 0.99))
@@ -200,7 +203,7 @@ def _rank_of_paper_run(law: str, column: dict[str, Array]) -> dict[str, dict[str
 
 
 def _literal_rear_sector(runs: int, seed: int) -> dict[str, dict[str, Any]]:
-    """Return final errors of simulation B under law (17) with our sign and the printed sign in the rear sector."""
+    """Return final errors of simulation B with law 17, for our sign and for the printed sign in the rear sector."""
     results = {}
     for setting in SETTINGS:
         for literal in (False, True):
@@ -215,7 +218,7 @@ def _literal_rear_sector(runs: int, seed: int) -> dict[str, dict[str, Any]]:
 
 
 def run_and_report(names: tuple[str, ...], runs: int, seed: int, folder: Path) -> int:
-    """Run experiments ``a`` and ``b``, write results.json and figures to ``folder``, and print tables.
+    """Run the named experiments (``a``, ``b``), write results.json and figures to ``folder``, and print tables.
 
     Raises:
         DiffbotError: if the folder cannot be written or a value is not allowed.

@@ -1,14 +1,14 @@
-"""Bound r* from below: choose errors within the contract that keep the robot away from the goal.
+"""Search for errors within the contract that keep the robot away from the goal. They are a lower bound of r*.
 
-Two adversaries act on the library's own step:
+Two adversaries choose the errors for the law's own step:
 
-- The greedy adversary knows the true state. In each step it tries the corners, the middles of the sides and the middle
-  of the range of the errors, and chooses the errors whose next state has the highest score. The score is the distance
-  plus a weighted sum of even functions of alpha and beta. The cross-entropy method searches the weights.
-- The drift adversary acts in Omega_L. It drives the robot forwards and backwards between the ends of the position
-  error, with the heading error that shifts the robot to one side, so that the robot never rests.
+- The greedy adversary knows the true state. In each step it tries a grid of errors, and chooses the errors whose next
+  state has the highest score. The score is the distance plus a weighted sum of functions of alpha and beta, which do
+  not change if both angles change their signs. The cross-entropy method searches for the best weights.
+- The drift adversary acts in Omega_L. Its position error makes the robot drive forwards and backwards, so that the
+  robot never rests, and its heading error shifts the robot to one side.
 
-Other adversaries may bring the robot farther.
+Better adversaries may exist.
 """
 
 from __future__ import annotations
@@ -40,31 +40,32 @@ Array = NDArray[np.float64]
 
 FEATURES = 9
 STEPS, WARM_UP, WINDOW = 600, 150, 75
-"""Number of steps of a trajectory, of its first steps that do not count, and of a window: the greedy adversary has to
-bring the robot away from the goal again in every window."""
+"""number of steps of a trajectory, of the first steps that do not count, and of a window. The adversary has to bring
+the robot away from the goal in every window, because a distance that is reached only once is no counterexample"""
 _CANDIDATES = 9 * 3 * 4
-"""position errors on a 3 x 3 grid, three errors of the heading, +-1 for each wheel"""
+"""number of errors on the grid: 3 x 3 position errors, 3 heading errors, and 2 errors for each wheel"""
 _GENERATIONS, _POPULATION, _ELITE = 40, 48, 0.15
-"""Number of generations of the search, number of trajectories in each generation, and the share of the trajectories
-from which the next generation is drawn."""
+"""number of generations of the search, number of trajectories in each generation, and share of the trajectories from
+which the next generation is drawn"""
 _START = 0.3
 """[m] bound of x and y of the starts of the greedy adversary"""
 _ALONG = 0.6
-"""[-] share of the position error along the axis of a drift; the rest of the disc is lateral"""
+"""share of the position error that the drift adversary uses along x, the direction in which the robot drives"""
 _TURN_BACK = 0.3
-"""[-] share of the error of x at which the robot is sent back, before the command is small enough to count as rest"""
+"""share of the error along x at which the adversary reverses the robot. If it waited longer, the command would become
+small enough to count as rest"""
 _AHEAD = 0.03
 """[m] distance before the leaving radius from which the drift adversary reduces the measured lateral error"""
 _DRIFT_STEPS = 200_000
 _AFTERWARDS = 20
-"""number of steps of a random run after the certified time"""
+"""number of steps for which a random run continues after the certified time"""
 
 
 class Attack(NamedTuple):
-    """The best weights of the greedy adversary."""
+    """Result of the search for the greedy adversary's weights."""
 
     distance: float
-    """[m] distance from the goal that is reached in every window"""
+    """[m] distance from the goal that the robot reaches in every window"""
     weights: Array
     """(FEATURES,) weights of the score"""
 
@@ -88,7 +89,10 @@ def score(pose: Pose, weights: Any) -> float:
 
 
 def _fill_path(loop: ContractLoop, start: Any, weights: Any, path: Any) -> None:
-    """Fill ``path`` (steps, 3) with the poses under the greedy adversary. The offset of the base points away."""
+    """Fill ``path`` (steps, 3) with the poses under the greedy adversary.
+
+    The position error of the base always points away from the goal.
+    """
     pose, memory, errors = Pose(start[0], start[1], start[2]), new_memory(), np.empty(ERRORS)
     for step in range(len(path)):
         best, best_pose, best_memory = -math.inf, pose, memory
@@ -120,11 +124,11 @@ def recurrent_distance(path: Array) -> float:
 def search(
     loop: ContractLoop,
     seed: int,
-    generations: int = _GENERATIONS,
-    population: int = _POPULATION,
-    each: Callable[[float], object] | None = None,
+    generations: int,
+    population: int,
+    each: Callable[[float], object],
 ) -> Attack:
-    """Search the weights of the greedy adversary.
+    """Search for the weights with which the greedy adversary brings the robot farthest from the goal.
 
     Args:
         loop: law, contract and period.
@@ -154,8 +158,7 @@ def search(
             mean, deviation = elite.mean(axis=0), 0.8 * elite.std(axis=0) + 0.02
             if distances[order[0]] > best.distance:
                 best = Attack(float(distances[order[0]]), weights[order[0]])
-            if each is not None:
-                each(best.distance)
+            each(best.distance)
     return best
 
 
@@ -166,7 +169,7 @@ def _drift(loop: ContractLoop, start: Pose, memory: SwitchingMemory, leaving: fl
         loop: law, contract and period.
         start: true pose in Omega_L, near the goal.
         memory: memory of the law at the start.
-        leaving: [m] measured distance beyond which the law leaves Omega_L.
+        leaving: [m] leaving radius of Omega_L.
         steps: largest number of steps.
     """
     pose, errors, turn_back = start, np.zeros(ERRORS), _TURN_BACK * _ALONG * loop.contract.eps_position
@@ -188,7 +191,7 @@ _drift_kernel = compile_bounds(_drift)
 
 
 def drift_of(loop: ContractLoop) -> float:
-    """Return the largest distance [m] of a drift that starts where the law may just enter Omega_L."""
+    """Return the largest distance [m] of a drift that starts as far away as the law may enter Omega_L."""
     sigma, tolerance = loop.contract.sigma_max, loop.law.config.tolerance
     start = Pose(0.0, entering_radius(sigma, tolerance) + loop.contract.eps_position, 0.0)
     memory = new_memory()._replace(switching=Switching(OMEGA_L, 1, 0.0), command=Twist(0.1, 0.0))
@@ -196,14 +199,14 @@ def drift_of(loop: ContractLoop) -> float:
 
 
 def run_adversary(path: Path, steps: int, trajectories: int, seed: int, out: Path) -> int:
-    """Attack a certificate with chosen errors, and compare it with runs under random errors.
+    """Attack a certificate with the adversaries' errors and with random errors.
 
     Args:
         path: file of the certificate.
         steps: approximate number of steps with random errors from random memories.
-        trajectories: number of runs with random errors from any start.
+        trajectories: number of runs with random errors that start anywhere within the certified distance.
         seed: seed of starts, errors and weights.
-        out: folder for adversary.json.
+        out: folder of adversary.json.
 
     Raises:
         DiffbotError: if the certificate is refuted (after adversary.json is written), or the file cannot be written.
@@ -212,7 +215,7 @@ def run_adversary(path: Path, steps: int, trajectories: int, seed: int, out: Pat
     claims, plan, loop = certificate.claims, certificate.plan, loop_of(certificate)
     with output_folder(out):
         with tqdm(desc="adversary", total=_GENERATIONS, unit="generation", disable=None) as bar:
-            attack = search(loop, seed, each=lambda _: bar.update())
+            attack = search(loop, seed, _GENERATIONS, _POPULATION, lambda _: bar.update())
         drift = drift_of(loop)
         distance = max(attack.distance, drift)
         observed = _observed(certificate, steps, trajectories, seed)
@@ -237,8 +240,8 @@ def run_adversary(path: Path, steps: int, trajectories: int, seed: int, out: Pat
     left_core, late = observed["left_core"], observed["late"]
     if left_core or late or distance > claims.radius:
         raise DiffbotError(
-            f"{path}: the certificate is refuted: {left_core} steps left the core, {late} runs were too late, "
-            f"and an adversary reached {distance:.3f} m (r* = {claims.radius:.3f} m)"
+            f"{path}: the certificate is refuted: {left_core} steps led out of the core, {late} runs reached the core "
+            f"too late, and an adversary brought the robot to {distance:.3f} m (r* = {claims.radius:.3f} m)"
         )
     return 0
 

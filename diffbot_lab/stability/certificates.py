@@ -31,12 +31,12 @@ from diffbot_sim.jit import law_version
 from diffbot_tools.robot import read_robot
 
 _RUNS = 200
-"""number of runs to which the bounds are fitted, and number of other runs that count how often they are kept"""
+"""number of runs to which the bounds are fitted; also the number of other runs with which the bounds are tested"""
 _SEED = 9017
 _RANDOM_STEPS = 1_000_000
-"""approximate number of random steps that are compared with a certificate"""
+"""approximate number of random steps in which ``verify`` compares the ranks with the law"""
 _END = 45.0
-"""[s] end of the part of a run that counts. The robots rest at their goals afterwards"""
+"""[s] end of the part of a run in which the contract is measured. Afterwards, the robots rest at their goals"""
 
 
 def report(certificate: Certificate) -> str:
@@ -82,15 +82,15 @@ def certify_and_save(config: SwitchingConfig, plan: Plan, out: Path, threads: in
 def certify_robot(
     name: str, bounds: Mapping[str, float], since: float, cells: Mapping[str, Any], out: Path, threads: int | None
 ) -> None:
-    """Certify a robot, and print how often other runs keep the contract.
+    """Certify a robot, and print the share of other simulated runs that keep the contract.
 
-    Bounds that are not given are measured in simulated runs that start at rest.
+    Bounds that are not given are fitted to simulated runs that start at rest.
 
     Args:
         name: parameter file or preset.
         bounds: given bounds of the contract by name.
-        since: [s] time in the runs from which on the contract is measured.
-        cells: given values of ``margin`` and ``fineness``.
+        since: [s] start of the part of each run in which the contract is measured.
+        cells: ``margin`` and ``fineness``, if they are given.
         out: file of the certificate.
         threads: number of threads; None means one per core.
 
@@ -108,7 +108,7 @@ def certify_robot(
         unbounded = [one for one, value in fitted.items() if not value < 1.0 and one not in bounds]
         if unbounded:
             raise DiffbotError(
-                f"no contract: {', '.join(unbounded)} is not below 1 in all simulated runs from {since:g} s on; "
+                f"no contract: {', '.join(unbounded)} is not below 1 in all simulated runs after {since:g} s; "
                 "choose a later --since"
             )
         contract = Contract(**{**contract._asdict(), **fitted, **bounds})
@@ -119,7 +119,7 @@ def certify_robot(
         certify_and_save(runs.case.controller, plan, out, threads)
     except DiffbotError as error:
         measured = ", ".join(f"{name} {value:g}" for name, value in contract._asdict().items())
-        raise DiffbotError(f"{error}; contract from {since:g} s on: {measured}") from None
+        raise DiffbotError(f"{error}; the contract, measured after {since:g} s, is {measured}") from None
     print(
         f"{100.0 * share.runs:.1f} % [{100.0 * share.low:.1f}, {100.0 * share.high:.1f}] of {_RUNS} other runs keep "
         f"the contract from {since:g} s to {_END:g} s."
@@ -127,10 +127,10 @@ def certify_robot(
 
 
 def run_verify(path: Path) -> int:
-    """Check a certificate, and compare it with random steps of the robot's own law.
+    """Check a certificate, then compare its ranks with random steps of the law itself.
 
     Raises:
-        DiffbotError: naming the first claim that is not proved, or if a rank does not fall in a step.
+        DiffbotError: naming the first claim that is not proved, or if the rank does not decrease in a step.
     """
     certificate, began = load_certificate(path), time.monotonic()
     try:
@@ -140,12 +140,12 @@ def run_verify(path: Path) -> int:
     cells = int((certificate.ranks >= 0).sum())
     print(f"{report(certificate)}\nVerified {cells} cells in {time.monotonic() - began:.0f} s.")
     if certificate.law != law_version(SwitchingLaw):
-        print("The law's code has changed since the certificate was made. It is verified for the present code.")
+        print("The law's code has changed since the certificate was made. The certificate is verified for this code.")
     counts = sample(certificate, _RANDOM_STEPS, seed=1)
     if counts.broken:
         raise DiffbotError(
-            f"{path}: the certificate is refuted: in {counts.broken} runs of {counts.steps} random steps a rank "
-            "did not fall"
+            f"{path}: the certificate is refuted: {counts.broken} runs (of {counts.steps} random steps in total) have "
+            "a step in which the rank does not decrease"
         )
-    print(f"The ranks hold in {counts.steps} random steps.")
+    print(f"The rank decreases as certified in {counts.steps} random steps.")
     return 0

@@ -1,9 +1,9 @@
 """Check every claim of a certificate of the law ``switching``, independently of its maker.
 
 The core contains all states nearer than the first edge, the cells of rank 0, and Omega_L. No step may lead out of the
-core, and a cell with a higher rank may lead to smaller ranks only. The loop does not change if alpha and beta change
-their signs, so the file contains the ranks of alpha >= 0 only. The checker unfolds these ranks to all angles, and
-checks the cells of the file.
+core, and a step from a cell with a higher rank may lead to smaller ranks only. The closed loop is symmetric: it does
+not change if alpha and beta change their signs. Therefore the file contains the ranks for alpha >= 0 only. The checker
+copies these ranks to the cells with alpha < 0, and checks the cells with alpha >= 0.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ from diffbot_lab.stability.file import Certificate, first_cells
 from diffbot_lab.stability.plan import IdealLaw, ideal_law
 
 TOO_HIGH = 32_767
-"""stands for the rank of a cell without a rank, and of states beyond the cells"""
+"""value that represents the rank of a cell without a rank, and of states beyond the cells"""
 _LEVELS = 4
-"""A cell that does not pass is split into 2 x 2 x 2 parts, and each part again, up to this depth."""
+"""A cell that does not pass is split into 2 x 2 x 2 parts. Parts that do not pass are split again, up to this depth."""
 
 
 class Cells(NamedTuple):
@@ -45,9 +45,9 @@ class Cells(NamedTuple):
     rho: NDArray[np.float64]
     """(rows + 1,) [m]"""
     alphas: NDArray[np.int64]
-    """(rows,) columns of alpha from -pi to pi"""
+    """(rows,) number of columns of alpha from -pi to pi"""
     betas: NDArray[np.int64]
-    """(rows,) columns of beta from -pi to pi"""
+    """(rows,) number of columns of beta from -pi to pi"""
     start: NDArray[np.int64]
     """(rows + 1,) index of the first cell of each row; within a row the cells are ordered by alpha, then by beta"""
     ranks: NDArray[np.int16]
@@ -68,7 +68,7 @@ def verify(certificate: Certificate) -> None:
 
 
 def _check_claims(certificate: Certificate) -> None:
-    """Check that the claims are not better than the ranks."""
+    """Check that the claims follow from the ranks."""
     claims, rho, ranks = certificate.claims, certificate.rho, certificate.ranks
     first = first_cells(certificate.alphas, certificate.betas)
 
@@ -90,10 +90,10 @@ def _check_claims(certificate: Certificate) -> None:
 
 
 def _check_near(certificate: Certificate, loop: CheckerLoop) -> None:
-    """Check that Omega_L, departures, and steps of Omega_G from nearer than the first edge end within the seed.
+    """Check that steps in Omega_L, departures, and steps from nearer than the first edge end within the seed radius.
 
-    The loop has the contract that holds within the seed. After a departure the law is in Omega_G, and the other end may
-    lead. This does not matter, because all states within the seed are in the core, whichever end leads.
+    The loop has the contract that holds within the seed radius. After a departure the direction of travel may change.
+    This does not matter, because all states within the seed radius are in the core, for both directions.
     """
     inside, seed, farthest = float(certificate.rho[0]), certificate.claims.seed, local_reach(loop)
     if not farthest <= seed:
@@ -106,7 +106,7 @@ def _check_near(certificate: Certificate, loop: CheckerLoop) -> None:
 
 
 def _check_cells(certificate: Certificate, law: IdealLaw) -> None:
-    """Check that every cell with a rank leads only to smaller ranks, or stays in the core."""
+    """Check that every cell with a rank leads only to smaller ranks, and that the core leads only to the core."""
     cells, rows = cells_of(certificate), range(len(certificate.alphas))
     loops = [checker_loop(law, certificate.plan.at(float(rho))) for rho in certificate.rho[1:]]
     pool = ThreadPoolExecutor()
@@ -126,7 +126,7 @@ def _check_cells(certificate: Certificate, law: IdealLaw) -> None:
 
 
 def cells_of(certificate: Certificate) -> Cells:
-    """Unfold the ranks of a certificate to all angles; cells without a rank become TOO_HIGH."""
+    """Return the ranks of a certificate for all angles; the rank of a cell without a rank becomes TOO_HIGH."""
     rho, alphas, betas, ranks = certificate.rho, certificate.alphas, certificate.betas, certificate.ranks
     kept = first_cells(alphas, betas)
     unfolded = np.empty(2 * len(ranks), np.int16)
@@ -138,7 +138,7 @@ def cells_of(certificate: Certificate) -> Cells:
 
 
 def row_at(cells: Cells, rho: float) -> int:
-    """Return the row of a distance [m], -1 nearer than the first row, the number of rows beyond the last row."""
+    """Return the row of a distance [m]: -1 nearer than the first row, the number of rows beyond the last row."""
     low, high = 0, len(cells.rho)
     while low < high:
         middle = (low + high) // 2
@@ -162,11 +162,11 @@ def rank_at(cells: Cells, rho: float, alpha: float, beta: float) -> int:
 
 
 def keeps_below(cells: Cells, states: Box, allowed: int) -> bool:
-    """Return True if no cell that a box of states meets or touches has a rank above ``allowed``.
+    """Return True if no cell that overlaps or touches a box of states has a rank above ``allowed``.
 
     Args:
         cells: cells with ranks.
-        states: box of states with angles that are not wrapped.
+        states: box of states. Its angles are not wrapped.
         allowed: largest rank.
     """
     last = row_at(cells, states.r1 + SLACK)
@@ -188,7 +188,7 @@ def keeps_below(cells: Cells, states: Box, allowed: int) -> bool:
 
 
 def _columns(low: float, high: float, number: int) -> tuple[int, int]:
-    """Return the first column that an interval of angles meets, and the number of these columns."""
+    """Return the first column that overlaps an interval of angles, and the number of overlapping columns."""
     per_radian = number / (2.0 * math.pi)
     first = math.floor((low - SLACK + math.pi) * per_radian)
     last = math.floor((high + SLACK + math.pi) * per_radian)
@@ -196,9 +196,9 @@ def _columns(low: float, high: float, number: int) -> tuple[int, int]:
 
 
 def leads_below(loop: CheckerLoop, cells: Cells, box: Box, allowed: int, work: Any) -> bool:
-    """Return True if one step of Omega_G from any state of a box leads to a rank of at most ``allowed``.
+    """Return True if every step of Omega_G from a box of states leads to a rank of at most ``allowed``.
 
-    ``work`` is the array in which :func:`images` returns the boxes.
+    ``work`` is an array for the result of :func:`images`.
     """
     number = images(loop, box, work)
     at = 0
@@ -208,9 +208,10 @@ def leads_below(loop: CheckerLoop, cells: Cells, box: Box, allowed: int, work: A
 
 
 def first_failing(loop: CheckerLoop, cells: Cells, row: int) -> int:
-    """Return the first kept cell of a row that may lead to a rank that is not smaller; -1 if there is none.
+    """Return the index of the first cell of a row that fails, and -1 if all cells pass.
 
-    A cell of the core fails if it may lead out of the core.
+    A cell with a rank above 0 fails if it may lead to a rank that is not smaller. A cell of the core fails if it may
+    lead out of the core.
     """
     alphas, betas = cells.alphas[row], cells.betas[row]
     waiting = np.empty((8 * _LEVELS + 1, 6))
@@ -218,7 +219,7 @@ def first_failing(loop: CheckerLoop, cells: Cells, row: int) -> int:
     smallest = cell_box(cells, row, 0)
     for _ in range(_LEVELS):
         smallest = eighth(smallest, 0)
-    # The nearest of the smallest parts has the most slices.
+    # The smallest part with the smallest distance has the most slices.
     work = np.empty((max_images(loop, smallest), 6))
     for index in range(alphas // 2 * betas):
         rank = cells.ranks[cells.start[row] + alphas // 2 * betas + index]
@@ -242,7 +243,7 @@ def first_failing(loop: CheckerLoop, cells: Cells, row: int) -> int:
 
 
 def cell_box(cells: Cells, row: int, index: int) -> Box:
-    """Return a closed box that contains a kept cell; SLACK exceeds the rounding of the edges."""
+    """Return a closed box that contains a stored cell. SLACK is larger than the rounding errors of the edges."""
     i, j = index // cells.betas[row], index % cells.betas[row]
     alpha_width, beta_width = 2.0 * math.pi / cells.alphas[row], 2.0 * math.pi / cells.betas[row]
     return Box(

@@ -1,8 +1,9 @@
 """Bound one step of Omega_G by interval arithmetic, for the checker of certificates.
 
-The robot is at a distance rho from the goal, whose bearing is alpha in the robot's frame and beta in the goal's frame,
-both from the leading end. A step with the rotation z moves the base along the chord of an arc, u = t_s v sinc(z / 2),
-which points z / 2 to the left. With psi = alpha - z / 2, the angle from the chord to the goal,
+The robot is at a distance rho from the goal. The goal's bearing is alpha in the robot's frame and beta in the goal's
+frame; for a robot that drives backwards, both are turned by pi (alpha_d and beta_d of the law). A step with the
+rotation z moves the base along the chord of an arc, which has the length u = t_s v sinc(z / 2) and points z / 2 to the
+left. With psi = alpha - z / 2, the angle from the chord to the goal,
 
     rho' exp(i tau) = rho - u cos(psi) + i u sin(psi),   alpha' = alpha - z + tau,   beta' = beta + tau
     rho'^2 = rho^2 - 2 rho u cos(psi) + u^2
@@ -11,8 +12,9 @@ The law's braking profile is s(d) = brake (sqrt(react^2 + 2 d / brake) - react),
 s^2 / (2 brake) + s react = d. The coupling term is (f / rho) sinc(2 alpha) (alpha + h(rho) beta), because
 cos(a) sin(a) / a = sinc(2 a).
 
-Rounding: the bounds are floats, and each bound that a function returns is widened by SLACK. All numbers are below 1e4,
-and there are only a few operations between two widenings, so their errors are below about 1e-12, far less than SLACK.
+Rounding: the bounds are floats, and each function widens the bounds that it returns by SLACK. All numbers are below
+1e4, and there are only a few operations between two widenings, so the rounding errors are below about 1e-12. This is
+far less than SLACK.
 """
 
 from __future__ import annotations
@@ -27,13 +29,14 @@ from diffbot_lab.stability.plan import IdealLaw, Plan
 
 SLACK = 1e-10
 _SINC_LOWEST, _AT_LOWEST = -0.2172336283, 4.4934094579
-"""minimum of sinc, and its argument"""
+"""minimum of sin(x) / x, and the x > 0 where it occurs"""
 _HALF_PI = 0.5 * math.pi
 PI = math.pi + SLACK
 _SLICE = 2.5
-"""width of a slice of the measured bearing, in widths of a box"""
+"""width of a slice of the measured bearing, as a multiple of the width of the box in alpha"""
 _MIN_MEASURED, _MAX_CHORD, _MAX_ROTATION = 0.01, 0.45, 1.0
-"""Limits of the formulas: measured distance [m], chord as a share of the distance, rotation [rad]."""
+"""range in which the formulas hold: smallest measured distance [m], largest chord as a share of the distance, largest
+rotation [rad]"""
 
 Range = tuple[float, float]
 
@@ -44,19 +47,19 @@ class CheckerLoop(NamedTuple):
     brake: float
     """[m/s^2] deceleration"""
     react: float
-    """[s] reaction time when the position is known well"""
+    """[s] reaction time of the speed with a small standard deviation"""
     slow_react: float
-    """[s] reaction time with the largest standard deviation of the contract"""
+    """[s] reaction time of the speed with the largest standard deviation of the contract"""
     weight: float
     """[-] weight of beta far from the goal"""
     fade: float
-    """[m] distance below which the weight of beta falls in proportion to the distance"""
+    """[m] distance below which the weight of beta is proportional to the distance"""
     turn_brake: float
     """[rad/s^2] angular deceleration"""
     turn_react: float
     """[s] reaction time of turns"""
     leaving: float
-    """[m] largest measured distance at which Omega_L may be in force"""
+    """[m] largest measured distance at which the law may be in Omega_L"""
     v_max: float
     """[m/s]"""
     omega_max: float
@@ -72,9 +75,9 @@ class CheckerLoop(NamedTuple):
     noise: float
     """[-] bound of the relative error of each wheel's speed"""
     eps_v: float
-    """[m/s] bound of the distance between the end of a step and the end of the requested motion, over the period"""
+    """[m/s] bound of the position error of the base in a step, divided by the period, in addition to ``noise``"""
     eps_omega: float
-    """[rad/s] bound of the error of the rotation, beyond the errors of the wheels"""
+    """[rad/s] bound of the error of the rotation, in addition to ``noise``"""
     t_s: float
     """[s] period"""
 
@@ -126,24 +129,24 @@ def checker_loop(law: IdealLaw, plan: Plan) -> CheckerLoop:
 
 
 def profile(distance: float, brake: float, react: float) -> float:
-    """Return s(d) for d >= 0, which rises with the distance and falls with the reaction time."""
+    """Return the speed s(d) of the braking profile. It rises with the distance and falls with the reaction time."""
     return brake * (math.sqrt(react * react + 2.0 * distance / brake) - react)
 
 
 def approach_range(loop: CheckerLoop, near: float, far: float) -> Range:
-    """Return bounds of f(rho) [m/s] for rho in [near, far] and any standard deviation of the contract."""
+    """Return bounds of f(rho) [m/s] for rho in [near, far] and all standard deviations that the contract allows."""
     slowest = min(profile(near, loop.brake, loop.slow_react), loop.v_max)
     return max(slowest - SLACK, 0.0), min(profile(far, loop.brake, loop.react), loop.v_max) + SLACK
 
 
 def per_distance_range(loop: CheckerLoop, near: float, far: float) -> Range:
-    """Return bounds of f(rho) / rho [1/s], which falls with rho, because s is concave and v_max is constant."""
+    """Return bounds of f(rho) / rho [1/s]. It falls with rho, because s is concave and v_max is constant."""
     least = min(profile(far, loop.brake, loop.slow_react), loop.v_max) / far
     return max(least - SLACK, 0.0), min(profile(near, loop.brake, loop.react), loop.v_max) / near + SLACK
 
 
 def signed_profile(error: float, brake: float, react: float, largest: float) -> float:
-    """Return phi(error) [rad/s], which is odd and rises."""
+    """Return phi(error) [rad/s], an odd function that rises with the error."""
     return math.copysign(min(profile(abs(error), brake, react), largest), error)
 
 
@@ -176,14 +179,14 @@ def _sinc(x: float) -> float:
 
 
 def product(a: Range, b: Range) -> Range:
-    """Return bounds of a product. SLACK does not move a bound across 0, because the sign of a product is exact."""
+    """Return bounds of a product. SLACK does not move a bound past 0, because the sign of a product is exact."""
     p, q, r, s = a[0] * b[0], a[0] * b[1], a[1] * b[0], a[1] * b[1]
     low, high = min(p, q, r, s), max(p, q, r, s)
     return max(low - SLACK, 0.0) if low >= 0.0 else low - SLACK, min(high + SLACK, 0.0) if high <= 0.0 else high + SLACK
 
 
 def command_of(loop: CheckerLoop, rho: Range, alpha: Range, beta: Range) -> Command:
-    """Return bounds of the command of Omega_G with all limits, as seen from the leading end.
+    """Return bounds of the command of Omega_G with all limits. v is positive in the direction of travel.
 
     Args:
         loop: law, contract and base.
@@ -206,10 +209,10 @@ def command_of(loop: CheckerLoop, rho: Range, alpha: Range, beta: Range) -> Comm
 def _coupling(loop: CheckerLoop, rho: Range, alpha: Range, beta: Range) -> Range:
     """Return bounds of cos(a) sinc(a) (a + h(rho) beta) = sinc(2 a) (a + h(rho) beta), where h rises with rho.
 
-    The sign has to be exact: where phi is at its own limit, any turn to the same side reduces the speed to zero.
+    The sign has to be exact: if phi is at its limit, any additional turn to the same side reduces the speed to zero.
     """
     low, high = sinc_range(2.0 * alpha[0], 2.0 * alpha[1])
-    # The law's angles are within +-pi, where sinc(2 a) has the same sign as cos(a).
+    # For angles within +-pi, sinc(2 a) has the same sign as cos(a).
     if alpha[0] > _HALF_PI or alpha[1] < -_HALF_PI:
         high = min(high, 0.0)
     elif alpha[0] > -_HALF_PI and alpha[1] < _HALF_PI:
@@ -224,8 +227,8 @@ def _share(loop: CheckerLoop, phi: Range, v: Range, turn: Range) -> Range:
     """Return bounds of the largest s in [0, 1] for which (s v, phi + s turn) keeps all limits.
 
     The limits |phi + s turn| <= omega_max and s |v| +- half (phi + s turn) <= rim are four inequalities p + s q <=
-    bound with p <= bound. Each of them requires s <= (bound - p) / q where q > 0. The smallest s belongs to the largest
-    p and q, and the largest s to the smallest p and q. The limit |v| <= v_max holds already.
+    bound with p <= bound. If q > 0, each of them requires s <= (bound - p) / q. So s is smallest for the largest p and
+    q, and largest for the smallest p and q. The limit |v| <= v_max already holds.
     """
     slow, fast, low, high = smallest(v), largest(v), 1.0, 1.0
     for p, q in ((phi, turn), ((-phi[1], -phi[0]), (-turn[1], -turn[0]))):
@@ -243,22 +246,21 @@ def _max_share(room: float, rate: float) -> float:
 
 
 def longest_step(loop: CheckerLoop, distance: float) -> float:
-    """Return the longest step [m], with any rotation, towards a goal that is measured within a distance [m]."""
+    """Return the largest length [m] of a step if the measured distance is at most ``distance`` [m]."""
     speed = approach_range(loop, 0.0, distance)[1]
     return loop.t_s * (speed + loop.noise * max(speed, loop.half * loop.omega_max) + loop.eps_v) + SLACK
 
 
 def local_reach(loop: CheckerLoop) -> float:
-    """Return the largest true distance [m] after a step in Omega_L or a departure from it.
+    """Return the largest true distance [m] after a step in Omega_L or a departure from Omega_L.
 
-    In both cases the measured distance before the step is at most the leaving radius, and the step is not longer than
-    the longest one that the contract allows there.
+    In both cases the measured distance before the step is at most the leaving radius.
     """
     return loop.leaving + loop.eps_rho + longest_step(loop, loop.leaving) + SLACK
 
 
 class Box(NamedTuple):
-    """Closed box of true states: rho [m], alpha and beta [rad], from the leading end."""
+    """Closed box of true states: rho [m], and alpha and beta [rad] for the direction of travel."""
 
     r0: float
     r1: float
@@ -269,16 +271,16 @@ class Box(NamedTuple):
 
 
 def bearing_error(loop: CheckerLoop, rho: float) -> float:
-    """Return the largest error [rad] of the goal's direction at a distance beyond ``eps_rho`` [m]."""
+    """Return the largest error [rad] of the goal's direction at a distance ``rho`` [m] above ``eps_rho``."""
     return math.asin(min(loop.eps_rho / rho, 1.0)) + SLACK
 
 
 def measured_distance(loop: CheckerLoop, box: Box, error: Range) -> Range:
-    """Return bounds of the measured distance [m] where the error of the goal's measured direction is in a range.
+    """Return bounds of the measured distance [m] for a range of the error d of the goal's direction.
 
-    The measured goal lies in a disc of radius eps about the true one. The line in a direction with the error d meets
-    the disc between two points. Their distances have the product rho^2 - eps^2 and the sum 2 rho cos(d). With the
-    smallest |d|, the nearer point is nearest and the farther point is farthest.
+    The measured goal lies in a disc of radius eps about the true goal. A line from the robot, in the direction with the
+    error d, intersects the circle in two points. The distances of these points have the product rho^2 - eps^2 and the
+    sum 2 rho cos(d). The smallest |d| gives the smallest and the largest distance.
     """
     least = smallest(error)
     half = math.sqrt(max(loop.eps_rho**2 - (box.r0 * math.sin(least)) ** 2, 0.0)) + SLACK
@@ -289,8 +291,8 @@ def measured_distance(loop: CheckerLoop, box: Box, error: Range) -> Range:
 def motion_of(loop: CheckerLoop, command: Command) -> tuple[Range, Range]:
     """Return bounds of the chord [m] and of the rotation [rad] of one step, with an independent error of each wheel.
 
-    The errors of the wheels change v by at most noise (|left| + |right|) / 2 = noise max(|v|, half |omega|), and omega
-    by this value divided by half.
+    The errors of the wheels change v by at most noise (|left| + |right|) / 2 = noise max(|v|, half |omega|). They
+    change omega by at most this value divided by half.
     """
     v0, v1, w0, w1 = command
     error = loop.noise * max(largest((v0, v1)), loop.half * largest((w0, w1)))
@@ -305,8 +307,8 @@ def distance_range(box: Box, u: Range, cosine: Range) -> Range:
     """Return bounds of the distance [m] from the goal at the end of the chord.
 
     The distance rises with rho, because the chord is shorter than r0 / 2. It is monotone in the cosine of psi and
-    convex in the chord. So it is largest at ends of both ranges, and smallest where the chord ends at the foot of the
-    perpendicular from the goal, or as near to the foot as its range allows.
+    convex in the chord. So the largest distance is at the ends of both ranges. The distance is smallest if the chord
+    ends at the foot of the perpendicular from the goal, or as near to the foot as the range of the chord allows.
     """
     near, far = math.inf, 0.0
     for c in cosine:
@@ -320,10 +322,17 @@ def _third_side(rho: float, u: float, cosine: float) -> float:
 
 
 def after(loop: CheckerLoop, box: Box, u: Range, z: Range) -> Box:
-    """Return bounds of the states after a step from a box, with a chord shorter than r0 / 2 and a rotation.
+    """Return bounds of the states after a step from a box.
 
-    The step may end at an offset from the end of the chord. The goal's distance then changes by at most this offset,
-    and its direction by at most the angle of the tangent to a circle with this radius.
+    The step may end at an offset from the end of the chord. The offset changes the goal's distance by at most its
+    length. It changes the goal's direction by at most the angle between the goal's direction and the tangent to the
+    circle with this radius.
+
+    Args:
+        loop: law, contract and base.
+        box: true states.
+        u: [m] chord, shorter than r0 / 2.
+        z: [rad] rotation.
     """
     psi = box.a0 - 0.5 * z[1] - SLACK, box.a1 - 0.5 * z[0] + SLACK
     cosine = cosine_range(*psi)
@@ -346,12 +355,12 @@ def after(loop: CheckerLoop, box: Box, u: Range, z: Range) -> Box:
 
 
 def within_pi(low: float, high: float, turn: float) -> Range:
-    """Return the part of an interval of angles, minus ``turn``, that is within +-pi. It is empty if low > high."""
+    """Subtract ``turn`` from an interval of angles and cut it to +-pi. The result is empty if low > high."""
     return max(low - turn - SLACK, -PI), min(high - turn + SLACK, PI)
 
 
 def slice_count(loop: CheckerLoop, box: Box) -> int:
-    """Return the number of slices into which the measured bearing is cut."""
+    """Return the number of slices into which the range of the measured bearing is divided."""
     width = box.a1 - box.a0
     return math.ceil((width + 2.0 * (bearing_error(loop, box.r0) + loop.eps_theta)) / (_SLICE * width))
 
@@ -362,11 +371,11 @@ def max_images(loop: CheckerLoop, box: Box) -> int:
 
 
 def images(loop: CheckerLoop, box: Box, out: Any) -> int:
-    """Enclose all states that one step of Omega_G may lead to from a box, for all admissible errors.
+    """Enclose all states to which one step of Omega_G may lead from a box, for all errors that the contract allows.
 
-    The measured bearing has the error of the heading and an error d of the goal's direction; beta has the error d. Each
-    slice of the measured bearing is one case. A slice has one case more for each full turn that brings alpha and beta
-    into +-pi.
+    The measured beta has an error d, the error of the goal's direction. The measured alpha has the error d and the
+    error of the heading. The range of the measured alpha is divided into slices, and each slice gives one box. If alpha
+    or beta exceeds +-pi in a slice, the part that is wrapped by a full turn gives a box of its own.
 
     Args:
         loop: law, contract and base.
@@ -374,8 +383,8 @@ def images(loop: CheckerLoop, box: Box, out: Any) -> int:
         out: (n, 6) array for the images, with angles that are not wrapped; see :func:`max_images`.
 
     Returns:
-        The number of images; -1 where the formulas do not hold, because the measured goal may be at the robot itself or
-        a step is too long.
+        The number of images; -1 if the formulas do not hold, because the measured goal may be at the robot itself or a
+        step may be too long.
     """
     max_error, parts, number = bearing_error(loop, box.r0), slice_count(loop, box), 0
     eps = loop.eps_theta + SLACK

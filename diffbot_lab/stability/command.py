@@ -1,4 +1,7 @@
-"""The command ``diffbot stability``: options of its verbs. A verb imports its modules when it is called."""
+"""The command ``diffbot stability`` and its options.
+
+The heavy modules are imported when a verb is called, so that the command line starts fast.
+"""
 
 from __future__ import annotations
 
@@ -15,32 +18,34 @@ _BOUNDS = {
     "eps_theta": (1e-6, "bound of the heading error of the estimate [rad] (0.03)"),
     "sigma_max": (1e-6, "bound of the reported standard deviation of the position [m] (0.026)"),
     "wheel_error": (0.0, "bound of the relative error of each wheel's speed (0.05)"),
-    "eps_v": (0.0, "bound of the deviation of the base from the requested motion [m/s] (0)"),
-    "eps_omega": (0.0, "bound of the deviation of the base from the requested rotation [rad/s] (0)"),
+    "eps_v": (0.0, "bound of the base's position error in a step, divided by the period [m/s] (0)"),
+    "eps_omega": (0.0, "bound of the error of the base's turn rate [rad/s] (0)"),
     "position_slope": (0.0, "growth of --eps-position per metre from the goal [-] (0)"),
     "theta_slope": (0.0, "growth of --eps-theta per metre from the goal [rad/m] (0)"),
     "sigma_slope": (0.0, "growth of --sigma-max per metre from the goal [-] (0)"),
 }
-"""Options for the bounds of a contract: the smallest value, and the help text."""
+"""Options for the bounds of a contract: smallest value and help text."""
 _PLAN_OPTIONS = ("period", "margin", "fineness")
 """Options of ``certify`` that are fields of a plan."""
 
 
 def add_stability(commands: Any) -> None:
     """Add ``diffbot stability`` to the subparsers of the command line."""
-    stability = commands.add_parser("stability", help="certify how near the goal the law brings the robot under noise")
+    stability = commands.add_parser("stability", help="certify how near the goal the robot stays in spite of noise")
     verbs = stability.add_subparsers(required=True, metavar="VERB", dest="verb")
     for add in (_add_certify, _add_verify, _add_adversary):
         add(verbs)
 
 
 def _add_certify(verbs: Any) -> None:
-    certify = verbs.add_parser("certify", help="make a certificate: how near the goal the robot ends, and when")
+    certify = verbs.add_parser(
+        "certify", help="make a certificate of the time after which the robot stays within a distance of the goal"
+    )
     certify.add_argument(
         "--robot", metavar="FILE", help="parameter file or preset; bounds that are not given are measured in simulation"
     )
     certify.add_argument(
-        "--since", type=number_between(0.0, 40.0), help="with --robot: time from which on bounds are measured [s] (10)"
+        "--since", type=number_between(0.0, 40.0), help="with --robot: measure the bounds after this time [s] (10)"
     )
     certify.add_argument(
         "--set", type=setting, nargs="+", default=[], metavar="NAME=VALUE", help="parameters of the controller"
@@ -50,10 +55,10 @@ def _add_certify(verbs: Any) -> None:
         certify.add_argument(f"--{name.replace('_', '-')}", type=number_between(least, 0.99), help=text)
     certify.add_argument("--period", type=number_between(1e-3, 10.0), help="time between two poses [s] (0.1)")
     certify.add_argument(
-        "--margin", type=number_between(0.0, 10.0), help="how much larger the core is than Omega_L requires [m] (0.19)"
+        "--margin", type=number_between(0.0, 10.0), help="additional radius of the core; more is faster [m] (0.19)"
     )
     certify.add_argument(
-        "--fineness", type=number_between(0.1, 10.0), help="inverse scale of the cells near the goal; 2 halves them (1)"
+        "--fineness", type=number_between(0.1, 10.0), help="resolution near the goal; 2 halves the size of cells (1)"
     )
     certify.add_argument("--threads", type=whole(1, 1024), help="number of threads (default: one per core)")
     certify.add_argument(

@@ -1,4 +1,4 @@
-"""Measure the contract of a robot in simulation: deviations, bounds, and the share of the runs that keep them."""
+"""Measure the contract of a robot in simulation: deviations, their bounds, and the share of runs within the bounds."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ from diffbot_tools.robot import RobotConfig
 Array = NDArray[np.float64]
 
 BOUNDED = ("eps_position", "eps_theta", "sigma_max", "eps_v", "eps_omega")
-"""Fields of the contract that are the first columns of an array of deviations, in this order"""
+"""names of the first columns of an array of deviations, which are fields of the contract"""
 DISTANCE = len(BOUNDED)
-"""Last column: distance [m] of the true pose, coasted, from the goal"""
+"""index of the last column: distance [m] of the coasted true pose from the goal"""
 _SAME = 1e-9
-"""[m/s] and [rad/s] rounding error by which a recorded command may differ from the law's command"""
+"""[m/s], [rad/s] largest difference (a rounding error) between a recorded command and the law's command"""
 _DURATION = 60.0
 """[s] duration of a run"""
 _MAX_START = 12.0
-"""[m] largest distance of a start from the goal, and [s] largest time to the goal at full speed"""
+"""[m] largest distance of a start from the goal; also [s] the largest time to the goal at full speed"""
 _CHUNK = 100
 """number of runs whose histories are in memory at a time"""
 _MIN_BOUND = 1e-3
@@ -54,7 +54,7 @@ class RobotRuns(NamedTuple):
 
 
 class KeptShare(NamedTuple):
-    """Share of the runs that keep a contract in every step, with Wilson's interval of 95 %."""
+    """Share of the runs that keep a contract in every step, with its 95 % confidence interval (Wilson)."""
 
     runs: float
     low: float
@@ -62,7 +62,7 @@ class KeptShare(NamedTuple):
 
 
 class BaseStep(NamedTuple):
-    """Period and wheel errors of a step of the base."""
+    """Period, and bound of the wheel errors."""
 
     wheel_error: float
     """[-] bound of the relative error of each wheel's speed"""
@@ -96,12 +96,12 @@ def measure_deviations(runs: RobotRuns, contract: Contract, seed: int, bar: Any 
 
     Args:
         runs: runs to simulate.
-        contract: contract whose wheel error is subtracted; its other bounds do not matter.
+        contract: its ``wheel_error`` is subtracted from the deviations. The other bounds are not used.
         seed: seed of the noise.
         bar: progress bar, updated with the number of finished runs.
     """
     case, t_s = runs.case, runs.case.robot.plant.sampling_time
-    # The deviation of the base is measured here, so its bounds only have to be valid.
+    # A base with limits requires bounds above 0. Their values do not matter here, because the deviations are measured.
     law = ideal_law(case.controller, Plan(contract._replace(eps_v=0.9, eps_omega=0.9), t_s))
     chunks = []
     for first in range(0, len(runs.starts), _CHUNK):
@@ -120,9 +120,9 @@ def is_kept(deviations: Array, contract: Contract) -> NDArray[np.bool_]:
 
 
 def fit_bounds(deviations: Array, contract: Contract) -> dict[str, float]:
-    """Return the smallest bounds that all deviations (runs, steps, 6) keep, rounded up to two digits.
+    """Return the smallest bounds for which all deviations (runs, steps, 6) keep a contract, rounded up to two digits.
 
-    The slopes are the slopes of the contract.
+    The slopes are not fitted; they are the slopes of ``contract``.
     """
     bounds = {}
     for name, largest in zip(BOUNDED, _without_slopes(deviations, contract).max(axis=(0, 1)), strict=True):
@@ -135,7 +135,7 @@ def fit_bounds(deviations: Array, contract: Contract) -> dict[str, float]:
 
 
 def _without_slopes(deviations: Array, contract: Contract) -> Array:
-    """Return the columns BOUNDED, minus what the slopes of the contract allow at the distance of each step."""
+    """Return the columns BOUNDED, minus the growth that the slopes of the contract allow at this distance."""
     rest = deviations[..., : len(BOUNDED)].copy()
     for column, name in enumerate(SLOPES):
         rest[..., column] -= getattr(contract, name) * deviations[..., DISTANCE]
@@ -143,7 +143,7 @@ def _without_slopes(deviations: Array, contract: Contract) -> Array:
 
 
 def kept_share(kept: NDArray[np.bool_]) -> KeptShare:
-    """Return the share of the runs (runs, steps) that keep a contract in every step."""
+    """Return the share of the runs that keep a contract in every step, for a result (runs, steps) of is_kept."""
     runs = int(kept.all(axis=1).sum())
     interval = binomtest(runs, len(kept)).proportion_ci(method="wilson")
     return KeptShare(runs / len(kept), float(interval.low), float(interval.high))
@@ -159,13 +159,13 @@ def fill_deviations(
     Args:
         config: configuration of the controller.
         law: ideal law of this configuration.
-        wheel_error: bound of the contract.
+        wheel_error: ``wheel_error`` of the contract.
         t_s: [s] period.
-        history: rows of ``HISTORY_COLUMNS``.
-        out: rows of BOUNDED and DISTANCE.
+        history: array with the columns HISTORY_COLUMNS.
+        out: array with the columns BOUNDED and DISTANCE.
 
     Returns:
-        False if the commands of the law are not those of the history.
+        False if a command of the law differs from the recorded command.
     """
     goal, memory, base = Pose(0.0, 0.0, 0.0), new_memory(), BaseStep(wheel_error, t_s)
     before, requested, known, near = goal, Twist(0.0, 0.0), False, -1.0
@@ -203,12 +203,12 @@ def fill_deviations(
 
 
 def excess_speed_near_goal(before: Pose, after: Pose, leaving: float, law: IdealLaw, base: BaseStep) -> float:
-    """Return how much faster [m/s] a step is than the contract allows near the goal.
+    """Return by how much [m/s] a step near the goal is faster than the law's largest request plus the wheel errors.
 
     Args:
         before: pose before the step.
         after: pose after the step.
-        leaving: [m] largest measured distance that counts as near.
+        leaving: [m] leaving radius of Omega_L.
         law: ideal law.
         base: period and wheel errors.
     """
@@ -219,9 +219,10 @@ def excess_speed_near_goal(before: Pose, after: Pose, leaving: float, law: Ideal
 
 
 def motion_errors(before: Pose, after: Pose, requested: Twist, law: IdealLaw, base: BaseStep) -> tuple[float, float]:
-    """Return the errors [m/s] and [rad/s] of a step beyond the errors of the wheels.
+    """Return the errors [m/s] and [rad/s] of a step, after subtracting the largest effect of the wheel errors.
 
-    The first error is the distance from the end of the requested motion, divided by the period.
+    The first error is the distance from the end of the requested motion, divided by the period. The second error is the
+    difference from the requested turn rate.
 
     Args:
         before: pose before the step.
@@ -245,7 +246,7 @@ def wheel_allowance(requested: Twist, law: IdealLaw, base: BaseStep) -> float:
 
 
 def _fill_all(config: Any, law: Any, wheel_error: float, t_s: float, histories: Any, out: Any) -> int:
-    """Fill the deviations of all runs and return the number of runs with the commands of the law."""
+    """Fill the deviations of all runs. Return the number of runs whose commands equal the commands of the law."""
     same = 0
     for run in range(len(histories)):
         same += fill_deviations(config, law, wheel_error, t_s, histories[run], out[run])
@@ -259,7 +260,7 @@ def deviations_of(config: SwitchingConfig, law: IdealLaw, wheel_error: float, t_
     """Return the deviations (runs, steps, 6) of histories (runs, steps + 1, 12); see :func:`fill_deviations`.
 
     Raises:
-        DiffbotError: for histories of another law or configuration.
+        DiffbotError: if the histories were recorded with another law or configuration.
     """
     out = np.zeros((histories.shape[0], histories.shape[1] - 1, DISTANCE + 1))
     if _fill_kernel(config, law, wheel_error, t_s, histories, out) < len(histories):

@@ -1,8 +1,8 @@
 """Read and write the file of a certificate: one JSON object with everything that the checker needs.
 
-The file contains the contract, the period, every parameter of the controller, a hash of the law's code, the cells and
+The file contains the plan with the contract, all parameters of the controller, a hash of the law's code, the cells and
 the claims. The ranks are 16-bit integers, little endian, in the order of the cells, compressed by zlib and encoded as
-base64. The plan's margin and fineness only document how the cells were chosen.
+base64. The checker does not use the plan's margin and fineness, which only document how the cells were chosen.
 """
 
 from __future__ import annotations
@@ -32,35 +32,35 @@ class Claims(NamedTuple):
     """Claims of a certificate."""
 
     radius: float
-    """[m] r*, the distance from the goal within which the robot stays once it is in the core"""
+    """[m] r*, the largest distance from the goal in the core"""
     start: float
     """[m] largest distance of the starts"""
     steps: int
     """largest number of steps from a start to the core"""
     seed: float
-    """[m] largest distance at which Omega_L stays in force; all states within it are in the core"""
+    """[m] seed radius: all states within it are in the core. A robot in Omega_L does not leave it"""
 
 
 class Certificate(NamedTuple):
-    """Contents of a file."""
+    """Contents of the file of a certificate."""
 
     plan: Plan
     config: SwitchingConfig
     rho: NDArray[np.float64]
     """(rows + 1,) edges [m]; all states nearer than the first edge belong to the core"""
     alphas: NDArray[np.int64]
-    """(rows,) even number of equal columns of alpha from -pi to pi; the columns with alpha >= 0 are kept"""
+    """(rows,) number of equal columns of alpha from -pi to pi, even; only columns with alpha >= 0 are stored"""
     betas: NDArray[np.int64]
-    """(rows,) number of columns of beta from -pi to pi"""
+    """(rows,) number of equal columns of beta from -pi to pi"""
     ranks: NDArray[np.int16]
-    """(cells,) rank of each kept cell, by row, alpha, beta: 0 in the core, -1 if the cell has no rank"""
+    """(cells,) rank of each stored cell, ordered by row, alpha and beta: 0 in the core, -1 if the cell has no rank"""
     claims: Claims
     law: str
     """hash of the law's code"""
 
 
 def first_cells(alphas: NDArray[np.int64], betas: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return (rows + 1,): the index of the first kept cell of each row, then the number of kept cells."""
+    """Return (rows + 1,) indices of the first stored cell of each row; the last element is the number of all cells."""
     return np.concatenate(([0], np.cumsum(alphas // 2 * betas)))
 
 
@@ -86,7 +86,7 @@ def save_certificate(path: Path, certificate: Certificate) -> None:
 
 
 def load_certificate(path: Path) -> Certificate:
-    """Read a certificate and check that its parts fit together; the checker checks the claims.
+    """Read a certificate and check that its parts have matching sizes. The claims are not checked here.
 
     Raises:
         DiffbotError: if the file cannot be read, or a value is missing or out of its range.
@@ -127,7 +127,7 @@ def _certificate(content: dict[str, Any]) -> Certificate:
 
 
 def _all_of(kind: Any, name: str, values: dict[str, Any]) -> Any:
-    """Return a named tuple of all its fields. Missing and additional fields are errors."""
+    """Return the named tuple ``kind`` with these values. Missing and additional fields are errors."""
     if set(values) != set(kind._fields):
         raise DiffbotError(f"{name} must have exactly the fields {', '.join(kind._fields)}")
     return kind(**values)
@@ -172,20 +172,20 @@ def _claims(values: Any) -> Claims:
 
 
 def pack(raw: bytes) -> str:
-    """Return bytes as a text, compressed by zlib and encoded as base64."""
+    """Compress bytes by zlib and encode them as base64."""
     return base64.b64encode(zlib.compress(raw, 9)).decode()
 
 
 def unpack(name: str, text: Any, size: int) -> bytes:
-    """Return the bytes of a text of :func:`pack`. A text of another size is not decompressed beyond ``size``.
+    """Return the bytes of a text made by :func:`pack`. At most one byte more than ``size`` is decompressed.
 
     Args:
-        name: name of the field.
+        name: name of the field, for errors.
         text: value of the field.
         size: [bytes] expected size.
 
     Raises:
-        DiffbotError: if the value is not such a text, or contains another number of bytes.
+        DiffbotError: if the text cannot be decoded, or has another size.
     """
     if not isinstance(text, str):
         raise DiffbotError(f"{name} must be a string")
@@ -194,5 +194,5 @@ def unpack(name: str, text: Any, size: int) -> bytes:
     except (ValueError, binascii.Error, zlib.error) as error:
         raise DiffbotError(f"{name} cannot be decoded: {error}") from None
     if len(raw) != size:
-        raise DiffbotError(f"{name} must contain {size} bytes, as many as the cells require")
+        raise DiffbotError(f"{name} must contain {size} bytes, two for each cell")
     return raw

@@ -1,9 +1,9 @@
 """Make a certificate of the law ``switching``: choose cells, find a core that the robot does not leave, rank the cells.
 
-From every state of rank n, with either end leading and any memory of the law, the robot is in the core after at most n
-steps, and stays there. Cells of the core have rank 0. A cell has rank n > 0 if it leads only to cells of smaller rank.
-All other cells are UNRANKED. The loop is symmetric under a change of the signs of alpha and beta, so only the cells
-with alpha >= 0 are kept. The checker does not trust the result, and proves it with bounds of its own.
+From every state of rank n, with either direction of travel and any memory of the law, the robot reaches the core after
+at most n steps, and stays there. Cells of the core have rank 0. A cell has rank n > 0 if it leads only to cells of
+smaller rank. All other cells are UNRANKED. The closed loop does not change if alpha and beta change their signs, so
+only the cells with alpha >= 0 are stored. The checker proves the result with bounds of its own.
 """
 
 from __future__ import annotations
@@ -29,39 +29,39 @@ CORE, UNRANKED, MAX_RANK = 0, -1, 32_000
 _EDGE_STEP = 0.002
 """[m] step of the search for the first edge"""
 _HOLDING_FACTOR = 1.02
-"""factor between two tries of the search for the holding radius"""
+"""factor between two values in the search for the holding radius"""
 _SPLIT_REACH = 1.25
-"""Rows up to this multiple of the innermost row without a rank are halved together."""
+"""Rows with unranked cells are halved together, up to this multiple of the distance of the innermost such row."""
 _MIN_ROW = 0.01
-"""[-] Rows that are narrower than this share of the longest step are not halved."""
+"""Rows narrower than this share of the longest step are not halved."""
 _CELL_LIMIT = 12_000_000
 """largest number of cells, about 5 GB"""
 
 
 class Band(NamedTuple):
-    """Rows up to a distance from the goal, and their division into cells."""
+    """A range of distances whose rows have the same number of columns."""
 
     to: float
-    """[m] distance"""
+    """[m] largest distance"""
     growth: float
     """[-] width of a row as a share of its distance"""
     max_width: float
     """[m] largest width of a row"""
     alphas: int
-    """columns of alpha from -pi to pi, a multiple of 4"""
+    """number of columns of alpha from -pi to pi, a multiple of 4"""
     betas: int
-    """columns of beta from -pi to pi, an even number"""
+    """number of columns of beta from -pi to pi, even"""
 
 
 class Table(NamedTuple):
-    """Cells of (rho, alpha, beta); row i is rho in [rho[i], rho[i + 1]]."""
+    """Cells of (rho, alpha, beta). Row i contains the cells with rho in [rho[i], rho[i + 1]]."""
 
     rho: NDArray[np.float64]
     """(rows + 1,) edges [m]; all states nearer than the first edge are in the core"""
     alphas: NDArray[np.int64]
-    """(rows,) columns of alpha from -pi to pi; half of them are kept"""
+    """(rows,) number of columns of alpha from -pi to pi; half of them are stored"""
     betas: NDArray[np.int64]
-    """(rows,) columns of beta"""
+    """(rows,) number of columns of beta from -pi to pi"""
     start: NDArray[np.int64]
     """(rows + 1,) index of the first cell of each row"""
 
@@ -86,10 +86,10 @@ def with_rows_split(table: Table, split: NDArray[np.bool_]) -> tuple[Table, NDAr
     return Table(np.sort(np.concatenate((table.rho, middles))), *columns, first_cells(*columns)), old
 
 
-def kept_index(table: Table, row: int, i: int, j: int) -> int:
-    """Return the index of the kept cell of column i of alpha and j of beta, both counted from -pi, modulo a turn.
+def stored_index(table: Table, row: int, i: int, j: int) -> int:
+    """Return the index of the cell in column i of alpha and column j of beta.
 
-    A column with alpha < 0 is stored as its mirror image.
+    Columns are counted from -pi, and wrap around. A cell with alpha < 0 has the index of its mirror image.
     """
     alphas, betas = table.alphas[row], table.betas[row]
     i, j = i % alphas, j % betas
@@ -99,14 +99,14 @@ def kept_index(table: Table, row: int, i: int, j: int) -> int:
 
 
 def columns_of(low: float, high: float, number: int) -> tuple[int, int]:
-    """Return the first and the last column that an interval of angles meets, at most ``number`` columns."""
+    """Return the first and the last column that overlap an interval of angles; at most ``number`` columns."""
     per_column = number / (2.0 * math.pi)
     first, last = math.floor((low + math.pi) * per_column), math.floor((high + math.pi) * per_column)
     return first, min(last, first + number - 1)
 
 
 def row_of(rho: Any, distance: float) -> int:
-    """Return the row of a distance [m], -1 nearer than the first row, and the number of rows beyond the last one."""
+    """Return the row of a distance [m]: -1 nearer than the first row, the number of rows beyond the last row."""
     low, high = -1, len(rho) - 1
     while low < high:
         middle = (low + high + 1) // 2
@@ -118,7 +118,7 @@ def row_of(rho: Any, distance: float) -> int:
 
 
 def rank_of_box(table: Table, ranks: Any, box: Any) -> int:
-    """Return the largest rank of the cells that a box meets, UNRANKED if one of these cells has no rank.
+    """Return the largest rank of the cells that overlap a box; UNRANKED if one of these cells has no rank.
 
     States nearer than the first row have the rank CORE.
     """
@@ -131,7 +131,7 @@ def rank_of_box(table: Table, ranks: Any, box: Any) -> int:
         j0, j1 = columns_of(box[4], box[5], table.betas[row])
         for i in range(i0, i1 + 1):
             for j in range(j0, j1 + 1):
-                rank = int(ranks[kept_index(table, row, i, j)])
+                rank = int(ranks[stored_index(table, row, i, j)])
                 if rank == UNRANKED:
                     return UNRANKED
                 largest = max(largest, rank)
@@ -139,7 +139,7 @@ def rank_of_box(table: Table, ranks: Any, box: Any) -> int:
 
 
 def rank_row(table: Table, row: int, boxes: Any, start: Any, ranks: Any) -> int:
-    """Rank the cells of a row whose images have ranks, until nothing changes. Return the number of new ranks."""
+    """Rank each cell of a row whose images all have ranks, until nothing changes. Return the number of new ranks."""
     first, cells = table.start[row], table.start[row + 1] - table.start[row]
     ranked, fresh = 0, 1
     while fresh > 0:
@@ -162,7 +162,7 @@ def rank_row(table: Table, row: int, boxes: Any, start: Any, ranks: Any) -> int:
 
 
 def spread_core(table: Table, row: int, boxes: Any, start: Any, ranks: Any, done: Any) -> int:
-    """Add the images of the core's cells in a row to the core.
+    """Add to the core all cells that overlap images of the core's cells in a row.
 
     Returns:
         The number of cells that were added; -1 if an image reaches beyond the table.
@@ -183,7 +183,7 @@ def spread_core(table: Table, row: int, boxes: Any, start: Any, ranks: Any, done
                 j0, j1 = columns_of(box[4], box[5], table.betas[to])
                 for i in range(i0, i1 + 1):
                     for j in range(j0, j1 + 1):
-                        cell = kept_index(table, to, i, j)
+                        cell = stored_index(table, to, i, j)
                         if ranks[cell] != CORE:
                             ranks[cell] = CORE
                             added += 1
@@ -228,10 +228,12 @@ def certify(config: SwitchingConfig, plan: Plan, threads: int | None = None) -> 
 
 
 def holding_radius(law: IdealLaw, plan: Plan) -> float:
-    """Return the largest true distance [m] after a step in Omega_L, under the contract that holds at this distance.
+    """Return the holding radius [m]: no step in Omega_L leads to a larger true distance.
+
+    The contract is the contract at this radius, since its bounds may grow with the distance.
 
     Raises:
-        DiffbotError: if there is no such distance within the start, because the bounds of the estimate grow too fast.
+        DiffbotError: if the radius is not below ``plan.to``, because the bounds of the estimate grow too fast.
     """
     within = 0.0
     while within < plan.to:
@@ -247,15 +249,15 @@ def holding_radius(law: IdealLaw, plan: Plan) -> float:
 
 
 def table_of(loop: MakerLoop, near: float, plan: Plan) -> tuple[Table, float]:
-    """Return the cells of a plan, and the radius [m] of the seed: all states within it belong to the core.
+    """Return the cells of a plan, and the seed radius [m]. All states within the seed radius belong to the core.
 
     Args:
-        loop: loop with the contract that holds within the seed.
+        loop: loop with the contract that holds within the seed radius.
         near: [m] holding radius.
         plan: contract, start and cells.
     """
     seed = inside = near + plan.margin
-    # No step of Omega_G that begins nearer than the first edge may lead beyond the seed.
+    # No step of Omega_G that begins nearer than the first edge may lead beyond the seed radius.
     while inside > loop.eps_rho and not inside + longest_near(loop, inside + loop.eps_rho) < seed:
         inside -= _EDGE_STEP
     if not inside > 1.01 * loop.eps_rho + _EDGE_STEP:
@@ -277,9 +279,10 @@ def table_of(loop: MakerLoop, near: float, plan: Plan) -> tuple[Table, float]:
 
 
 def rows_to_split(table: Table, ranks: NDArray[np.int16], distance: float, longest: float) -> NDArray[np.bool_]:
-    """Return (rows,), True for each row to halve: the innermost rows with unranked cells.
+    """Return (rows,), True for each row to halve.
 
-    Rows farther out often have unranked cells only because they lead to these rows.
+    These are the innermost rows with unranked cells. Rows farther out often have unranked cells only because they lead
+    to the innermost rows.
 
     Args:
         table: cells.
@@ -304,16 +307,16 @@ def rows_to_split(table: Table, ranks: NDArray[np.int16], distance: float, longe
 
 
 def core_radius(table: Table, ranks: NDArray[np.int16]) -> float:
-    """Return r* [m], the distance from the goal within which the robot stays once it is in the core."""
+    """Return r* [m], the largest distance from the goal in the core."""
     rows = np.logical_or.reduceat(ranks == CORE, table.start[:-1])
     return float(table.rho[np.flatnonzero(rows)[-1] + 1] if rows.any() else table.rho[0])
 
 
 def steps_from(table: Table, ranks: NDArray[np.int16], distance: float) -> int:
-    """Return the largest number of steps to the core. The steps start within ``distance`` [m] of the goal.
+    """Return the largest number of steps to the core from within ``distance`` [m] of the goal.
 
     Raises:
-        DiffbotError: if a cell there has no rank.
+        DiffbotError: if a cell within this distance has no rank.
     """
     ranks = ranks[: table.start[int(np.searchsorted(table.rho, distance))]]
     if (ranks == UNRANKED).any():
@@ -335,7 +338,7 @@ def _images_of_rows(
         boxes = boxes_of_row(loop, edges, int(table.alphas[row]), int(table.betas[row]))
         if boxes is None:
             raise DiffbotError(
-                f"no certificate: the images of the cells at {edges[0]:g} m have no bound; "
+                f"no certificate: the next state is not bounded for the cells at {edges[0]:g} m; "
                 "shorten the period or raise the fineness"
             )
         return boxes
@@ -348,14 +351,16 @@ def _images_of_rows(
 
 
 def _spread_core(table: Table, images: list[Boxes], ranks: NDArray[np.int16]) -> None:
-    """Add the images of the core to the core until nothing changes."""
+    """Add to the core all cells to which the core leads, until nothing changes."""
     done, added = np.zeros(len(ranks), np.uint8), 1
     while added > 0:
         added = 0
         for row, (boxes, start) in enumerate(images):
             fresh = spread_kernel(table, row, boxes, start, ranks, done)
             if fresh < 0:
-                raise DiffbotError("no certificate: the errors may drive the robot from the core beyond all cells")
+                raise DiffbotError(
+                    "no certificate: the errors may drive the robot out of the core and farther away than it starts"
+                )
             added += fresh
 
 

@@ -1,13 +1,14 @@
 """Enclose one step of the loop by interval arithmetic, for the maker of certificates.
 
-An interval is a pair of arrays (low, high). The robot is at a distance rho from the goal, whose bearing is alpha in the
-robot's frame and beta in the goal's frame, both from the leading end. A step with the rotation z moves the base along a
-chord u, which points z / 2 to the left. With psi = alpha - z / 2, the angle from the chord to the goal,
+An interval is a pair of arrays (low, high). The robot is at a distance rho from the goal. The goal's bearing is alpha
+in the robot's frame and beta in the goal's frame; for a robot that drives backwards, both are turned by pi (alpha_d and
+beta_d of the law). A step with the rotation z moves the base along a chord u, which points z / 2 to the left. With
+psi = alpha - z / 2, the angle from the chord to the goal,
 
     rho' exp(i tau) = rho - u cos(psi) + i u sin(psi),   alpha' = alpha - z + tau,   beta' = beta + tau
 
-The checker does not trust this module and shares no code with it. If a step left its enclosure, the checker would
-refuse the certificate.
+The checker shares no code with this module. If a bound of this module were wrong, the checker would refuse the
+certificate.
 """
 
 from __future__ import annotations
@@ -26,23 +27,23 @@ Array = NDArray[np.float64]
 Interval = tuple[Any, Any]
 
 PADDING = 2e-5
-"""[m] and [rad] by which an image is widened on each side. The rounding errors of maker and law are far smaller"""
+"""[m], [rad] width by which an image is enlarged on each side. Rounding errors are far smaller"""
 _COLUMNS = 2
-"""number of columns of alpha in a slice of the measured bearing"""
+"""width of a slice of the measured bearing, in columns of alpha"""
 _OVERLAP = 0.2
-"""columns by which a slice is wider on each side. The slices of the checker are smaller than this overlap where it
-splits a cell into the smallest parts, so each of its images lies within an image of the maker"""
+"""width by which a slice is enlarged on each side, in columns of alpha. If the checker splits a cell into the smallest
+parts, its slices are smaller than this overlap, so each of its images lies within an image of the maker"""
 
 
 class MakerLoop(NamedTuple):
-    """Law, contract and base of a robot within some distance of the goal."""
+    """Parameters of law, contract and base."""
 
     brake: float
     """[m/s^2] deceleration"""
     react: float
-    """[s] reaction time with the smallest reported standard deviation"""
+    """[s] reaction time of the speed with a small standard deviation"""
     slow_react: float
-    """[s] reaction time with the largest reported standard deviation"""
+    """[s] reaction time of the speed with the largest standard deviation of the contract"""
     turn_brake: float
     """[rad/s^2] angular deceleration"""
     turn_react: float
@@ -58,17 +59,17 @@ class MakerLoop(NamedTuple):
     half: float
     """[m] half the wheel separation"""
     leaving: float
-    """[m] largest measured distance in Omega_L"""
+    """[m] largest measured distance at which the law may be in Omega_L"""
     eps_rho: float
-    """[m] bound of the position error"""
+    """[m] bound of the distance between the estimated and the true position"""
     eps_theta: float
     """[rad] bound of the heading error"""
     noise: float
-    """[-] relative error of each wheel's speed"""
+    """[-] bound of the relative error of each wheel's speed"""
     offset: float
-    """[m] distance between the end of a step and the end of the requested motion, beyond the errors of the wheels"""
+    """[m] bound of the position error of the base in a step, in addition to ``noise``"""
     eps_omega: float
-    """[rad/s] error of the rotation, beyond the errors of the wheels"""
+    """[rad/s] bound of the error of the rotation, in addition to ``noise``"""
     t_s: float
     """[s] period"""
 
@@ -100,7 +101,7 @@ def maker_loop(law: IdealLaw, plan: Plan) -> MakerLoop:
 
 
 def longest_near(loop: MakerLoop, measured: float) -> float:
-    """Return the longest step [m] towards a goal that is measured within a distance [m], with any rotation."""
+    """Return the largest length [m] of a step if the measured distance is at most ``measured`` [m]."""
     v = min(float(_braking(measured, loop.brake, loop.react)), loop.v_max)
     return loop.t_s * (v + loop.noise * max(v, loop.half * loop.omega_max)) + loop.offset + PADDING
 
@@ -140,7 +141,7 @@ def _sinc(a: Interval) -> Interval:
 
 
 class Slices(NamedTuple):
-    """Slices of the measured bearing, each within one column of alpha; arrays (slices, 1)."""
+    """Slices of the measured bearing; arrays (slices, 1). The true bearing of a slice is in one column of alpha."""
 
     column: NDArray[np.int64]
     alpha: Interval
@@ -152,12 +153,13 @@ class Slices(NamedTuple):
 
 
 def slices_of(loop: MakerLoop, rho: float, alphas: int) -> Slices:
-    """Cut the bearings that may be measured in the columns with alpha >= 0 into slices.
+    """Divide the range of the measured bearing into slices, for each column with alpha >= 0.
 
     Args:
-        loop: loop with the contract in this row.
-        rho: [m] nearest distance of the row, more than ``eps_rho``.
-        alphas: columns from -pi to pi, a multiple of 4, so that no slice contains the jump of the law at pi.
+        loop: loop with the contract of this row.
+        rho: [m] smallest distance of the row, above ``eps_rho``.
+        alphas: number of columns from -pi to pi. It is a multiple of 4, so that no slice contains pi, where the law is
+            discontinuous.
     """
     width, max_error = 2.0 * math.pi / alphas, math.asin(loop.eps_rho / rho)
     reach, cut = max_error + loop.eps_theta, 2.0 * math.pi / alphas * _COLUMNS
@@ -180,14 +182,14 @@ def slices_of(loop: MakerLoop, rho: float, alphas: int) -> Slices:
 
 
 def _measured_distance(loop: MakerLoop, rho: Interval, error: Interval) -> Interval:
-    """Bound the distance [m] of the measured goal, which lies in a disc about the true goal, by the direction error."""
+    """Bound the measured distance [m] for a range of the direction error; see checker_bounds.measured_distance."""
     least = _absolute(error)[0]
     chord = np.sqrt(np.maximum(loop.eps_rho**2 - (rho[0] * np.sin(least)) ** 2, 0.0))
     return rho[0] * np.cos(least) - chord, rho[1] * np.cos(least) + chord
 
 
 def _scale(loop: MakerLoop, phi: Any, turn: Any, speed: Any) -> Any:
-    """Return the largest s in [0, 1] for which (s speed, phi + s turn) keeps the bounds of a turn to the left."""
+    """Return the largest s in [0, 1] for which (s speed, phi + s turn) keeps the limits of a turn to the left."""
     s = np.ones(1)
     for room, rate in (
         (loop.omega_max - phi, turn),
@@ -231,7 +233,7 @@ def _square(rho: Any, u: Any, cosine: Any) -> Any:
 
 
 def _moved(loop: MakerLoop, states: tuple[Interval, ...], v: Interval, omega: Interval) -> list[Any]:
-    """Return the sides of boxes (rho, alpha, beta) after a step. Angles are not wrapped; rho < 0 means no bound."""
+    """Return the sides of boxes (rho, alpha, beta) after a step. Angles are not wrapped. rho < 0 means no bound."""
     rho, alpha, beta = states
     error = loop.noise * np.maximum(_absolute(v)[1], loop.half * _absolute(omega)[1])
     turned = error / loop.half + loop.eps_omega
@@ -268,19 +270,19 @@ class Boxes(NamedTuple):
     """Images of the cells of a row."""
 
     boxes: NDArray[np.float32]
-    """(n, 6) bounds of rho [m], alpha and beta [rad], not wrapped, widened by PADDING"""
+    """(n, 6) bounds of rho [m], alpha [rad] and beta [rad], enlarged by PADDING. Angles are not wrapped"""
     start: NDArray[np.int64]
     """(cells + 1,) index of the first image of each cell"""
 
 
 def boxes_of_row(loop: MakerLoop, rho: Interval, alphas: int, betas: int) -> Boxes | None:
-    """Return the images of the cells of a row after one step of Omega_G, or None if an image has no bound.
+    """Return the images of the cells of a row after one step of Omega_G, or None if an image is not bounded.
 
     Args:
-        loop: loop with the contract in this row.
+        loop: loop with the contract of this row.
         rho: [m] edges of the row.
-        alphas: columns of alpha from -pi to pi; the row has the cells with alpha >= 0.
-        betas: columns of beta.
+        alphas: number of columns of alpha from -pi to pi. Only cells with alpha >= 0 have images.
+        betas: number of columns of beta from -pi to pi.
     """
     slices = slices_of(loop, rho[0], alphas)
     measured_rho = _measured_distance(loop, rho, slices.error)

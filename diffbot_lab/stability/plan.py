@@ -1,15 +1,17 @@
 """Assumptions of a certificate: the contract of estimate and base, the plan, and the law that is covered.
 
-A certificate is about the law's *requested* command, before limits of the acceleration, dead time, lag and dead band.
-The contract bounds how far the motion of the base deviates from the requested motion. With a dead time or a lag, the
-pose is the coasted pose (law/latency.py), to which the request applies without delay.
+A certificate covers the law's *requested* command, which is the command before the limits of the acceleration, dead
+time, lag and dead band act on it. The contract bounds how far the motion of the base deviates from the requested
+motion. If the base has a dead time or a lag, all poses are coasted poses (law/latency.py), because the request acts on
+the coasted pose without delay.
 
-The bounds of the estimate may grow with the distance from the goal, as the errors of a filter do during a drive.
+The bounds of the estimate may grow with the distance from the goal, because the errors of a filter are larger during
+the drive than at the goal.
 
-Near the goal, where the measured distance is at most the leaving radius of Omega_L, the certificate uses the region
-switch and not the law: the base may move in any way that is not faster than the law's largest request there. This
-covers Omega_L, departures from Omega_L, and a base that cannot turn at once after a departure. The memory of the law
-may have any content when the contract begins to hold.
+Near the goal, where the measured distance is at most the leaving radius of Omega_L, the certificate does not use the
+law's command. It only assumes that the base is not faster than the law's largest request there. This covers Omega_L,
+departures from Omega_L, and a base that needs time to turn after a departure. The memory of the law may have any
+content when the contract begins to hold.
 
 This module contains assumptions only. The maker and the checker of certificates both import it.
 """
@@ -26,7 +28,7 @@ from diffbot_control.law.steering import (
     drive_and_hold,
     drive_and_steer,
     gains_of,
-    led_by,
+    in_direction,
     navigation_variables,
     uncertainty_ratio,
 )
@@ -41,7 +43,7 @@ _PLANT = PlantConfig()
 
 
 class Contract(NamedTuple):
-    """Bounds that the estimate and the base keep in every step, from some step on."""
+    """Bounds of the errors of the estimate and of the base. All of them hold in every step from some step on."""
 
     eps_position: float = 0.06
     """[m] bound of the distance between the estimated and the true position"""
@@ -52,11 +54,12 @@ class Contract(NamedTuple):
     wheel_error: float = _PLANT.drive_noise
     """[-] bound of the relative error of each wheel's speed"""
     eps_v: float = 0.0
-    """[m/s] bound of the distance between the end of a step and the end of the requested motion, divided by the period
-    beyond the errors of the wheels. Near the goal: how much faster the base may be than the law's largest request"""
+    """[m/s] bound of the position error of the base in a step, divided by the period, in addition to ``wheel_error``.
+    The position error is the distance from the end of the requested motion. Near the goal, where any motion is allowed,
+    the bound is how much faster the base may be than the law's largest request"""
     eps_omega: float = 0.0
-    """[rad/s] bound of the difference from the requested rotation, beyond the errors of the wheels. Near the goal any
-    rotation is allowed"""
+    """[rad/s] bound of the error of the rotation, in addition to ``wheel_error``. Near the goal any rotation is
+    allowed"""
     position_slope: float = 0.0
     """[-] growth of ``eps_position`` per metre of distance from the goal"""
     theta_slope: float = 0.0
@@ -83,7 +86,7 @@ SLOPES = ("position_slope", "theta_slope", "sigma_slope")
 
 
 class Plan(NamedTuple):
-    """Contract and region that are certified, and the size of the cells."""
+    """Contract, period and distance of the starts that are certified, and the sizes of the core and of the cells."""
 
     contract: Contract = Contract()
     period: float = _PLANT.sampling_time
@@ -91,8 +94,8 @@ class Plan(NamedTuple):
     to: float = 12.0
     """[m] largest distance at which the robot starts"""
     margin: float = 0.19
-    """[m] by which the core is larger than Omega_L requires. Progress is slow near Omega_L, so the robot enters a
-    smaller core later"""
+    """[m] difference between the radius of the core and the smallest radius that Omega_L allows. The robot is slow near
+    Omega_L, so a smaller margin gives a smaller core that the robot enters later"""
     fineness: float = 1.0
     """[-] inverse scale of the cells near the goal; 2 halves their size"""
 
@@ -127,7 +130,8 @@ def check_plan(plan: Plan) -> None:
 
 
 _ROUNDED = 1.001
-"""Rounded data sheets may state an omega_max above the rims' limit by this factor. It is lowered to that limit."""
+"""largest omega_max, as a multiple of the turn rate that the wheel speeds allow. Because of rounding, a data sheet may
+state slightly more than this turn rate; such an omega_max is lowered to it"""
 
 
 class IdealLaw(NamedTuple):
@@ -136,7 +140,7 @@ class IdealLaw(NamedTuple):
     config: SwitchingConfig
     """without limits of the acceleration, dead time, lag and dead band"""
     gains: Gains
-    """gains of the robot with its limits and latency"""
+    """gains for the robot with its limits of acceleration"""
 
 
 def ideal_law(config: SwitchingConfig, plan: Plan) -> IdealLaw:
@@ -172,7 +176,7 @@ def requested_command(law: IdealLaw, memory: SwitchingMemory, estimate: Estimate
 
     Args:
         law: the ideal law.
-        memory: memory after the law's step at this pose, with the region and the leading end of this step.
+        memory: memory after the law's step at this pose, with region and direction of travel of this step.
         estimate: estimate of the pose.
     """
     config, gains = law
@@ -180,8 +184,8 @@ def requested_command(law: IdealLaw, memory: SwitchingMemory, estimate: Estimate
     ratio = uncertainty_ratio(estimate.uncertainty.xy, config.sigma_known, config.tolerance.xy_goal_tolerance)
     if memory.switching.region == OMEGA_L:
         return drive_and_hold(navigation, estimate.pose.theta, ratio, gains, config.data_sheet)
-    leading = memory.course.leading
-    return drive_and_steer(led_by(navigation, leading), ratio, leading, gains, config.data_sheet)
+    direction = memory.approach.direction
+    return drive_and_steer(in_direction(navigation, direction), ratio, direction, gains, config.data_sheet)
 
 
 def _require(name: str, value: Any, holds: bool, bound: str) -> None:

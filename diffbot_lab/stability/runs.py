@@ -1,7 +1,7 @@
-"""Compare a certificate with simulated runs: the library's own step, random errors within the contract, any memory.
+"""Compare a certificate with simulated runs of the law itself, with random errors within the contract.
 
-The law is the ideal law (:func:`ideal_law`). In Omega_G the rank of the state has to fall in every step. In Omega_L the
-state has to stay in the core.
+The runs use the ideal law (:func:`ideal_law`). In Omega_G the rank of the state has to decrease in every step. In
+Omega_L the state has to stay in the core.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from tqdm import tqdm
 
 from diffbot_control.law.law import CONTACT_UNKNOWN, Observation
 from diffbot_control.law.regions import OMEGA_G, OMEGA_L, REST, Switching, leaving_radius
-from diffbot_control.law.steering import BACK, FRONT, Course
+from diffbot_control.law.steering import BACKWARD, FORWARD, Approach
 from diffbot_control.law.switching import SwitchingMemory, new_memory, step, with_motion
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import Twist, WheelSpeeds, body_twist, wheel_speeds
@@ -31,20 +31,19 @@ from diffbot_sim.plant import integrate
 Array = NDArray[np.float64]
 
 SIGMA_THETA = 0.01
-"""[rad] reported standard deviation of the heading, small enough for the answer ``reached``"""
+"""[rad] reported standard deviation of the heading. It is small enough for the goal to count as reached"""
 ERRORS = 8
-"""number of errors: x, y and theta of the estimate, left and right wheel, x, y and rotation of the base"""
+"""number of errors: x, y and theta of the estimate; left and right wheel; x, y and rotation of the base"""
 _CHUNK = 2000
 """number of runs that share a random generator"""
 _SHORT = 20
 """number of steps of a run from a random memory"""
 _ALIGNED = 0.03
-"""[-] share of pi. Half of the runs that start near the goal have a heading error up to it, so that some of them
-rest"""
+"""largest heading, as a share of pi, of half of the runs that start near the goal, so that some robots come to rest"""
 
 
 class ContractLoop(NamedTuple):
-    """The closed loop of a certificate: the law and the bounds of the errors."""
+    """The closed loop of a certificate: law, contract and period."""
 
     law: IdealLaw
     contract: Contract
@@ -61,11 +60,11 @@ class Counts(NamedTuple):
     left_core: int
     """steps that began in the core and ended outside it"""
     departures: int
-    """times that the robot left Omega_L after a rest without an answer"""
+    """departures from Omega_L of a robot that rested without reaching the goal"""
     broken: int
-    """runs in which a rank did not fall, or that left the core"""
+    """runs in which a rank did not decrease, or which left the core"""
     longest: int
-    """largest number of steps until a run stayed in the core"""
+    """largest number of steps after which a run stayed in the core"""
 
 
 def loop_of(certificate: Certificate) -> ContractLoop:
@@ -77,7 +76,7 @@ def loop_of(certificate: Certificate) -> ContractLoop:
 def next_pose(
     loop: ContractLoop, pose: Pose, memory: SwitchingMemory, sigma: float, errors: Any
 ) -> tuple[Pose, SwitchingMemory, float]:
-    """Return pose and memory after one step towards the origin, and the measured distance [m].
+    """Return pose and memory after one step towards a goal at the origin, and the measured distance [m].
 
     Args:
         loop: law, contract and period.
@@ -115,15 +114,15 @@ def sigma_at(loop: ContractLoop, pose: Pose) -> float:
     return float(contract.sigma_max + contract.sigma_slope * math.hypot(pose.x, pose.y))
 
 
-def rank_of(cells: Cells, pose: Pose, leading: int) -> int:
-    """Return the rank of a pose with a leading end, FRONT or BACK."""
-    turned = math.pi if leading == BACK else 0.0
+def rank_of(cells: Cells, pose: Pose, direction: int) -> int:
+    """Return the rank of a pose for a direction of travel, FORWARD or BACKWARD."""
+    turned = math.pi if direction == BACKWARD else 0.0
     beta = math.atan2(-pose.y, -pose.x)
     return rank_at(cells, math.hypot(pose.x, pose.y), wrap_angle(beta - pose.theta - turned), wrap_angle(beta - turned))
 
 
 def random_memory(loop: ContractLoop, rng: Any) -> SwitchingMemory:
-    """Return a random memory that the law may have while a contract holds."""
+    """Return a random memory that the law may have when the contract begins to hold."""
     new, sheet = new_memory(), loop.law.config.data_sheet
     command = Twist(sheet.v_max * (2.0 * rng.random() - 1.0), sheet.omega_max * (2.0 * rng.random() - 1.0))
     switching = Switching(OMEGA_G, 0, 0.0)
@@ -131,8 +130,8 @@ def random_memory(loop: ContractLoop, rng: Any) -> SwitchingMemory:
         switching = Switching(OMEGA_L, 1, 0.0)
         if rng.random() < 0.5:
             command, switching = Twist(0.0, 0.0), Switching(OMEGA_L, 1, 2.0 * REST * rng.random())
-    course = Course(FRONT if rng.random() < 0.5 else BACK, False)
-    return SwitchingMemory(switching, command, new.settling, course, new.actuation, rng.random() < 0.3)
+    approach = Approach(FORWARD if rng.random() < 0.5 else BACKWARD, False)
+    return SwitchingMemory(switching, command, new.settling, approach, new.actuation, rng.random() < 0.3)
 
 
 def random_motion(pose: Pose, distance: float, rng: Any) -> Pose:
@@ -146,17 +145,17 @@ def random_motion(pose: Pose, distance: float, rng: Any) -> Pose:
 
 
 def _drive(loop: ContractLoop, cells: Cells, starts: Any, near: Any, steps: int, rng: Any, out: Any) -> None:
-    """Drive from each start with random errors, half of which are at their bounds.
+    """Drive from each start with random errors. In half of the steps, all errors are at their bounds.
 
     Args:
         loop: law, contract and period.
         cells: cells with ranks.
         starts: (n, 3) poses.
-        near: two numbers: 1 for a random memory or 0 for the memory of a new goal, and the length [m] of the steps that
-            the contract allows near the goal in any direction.
+        near: two numbers. The first is 1 for a random memory, 0 for the memory of a new goal. The second is the length
+            [m] of random motions near the goal, where the contract allows any direction.
         steps: number of steps of each run.
         rng: random generator.
-        out: (n, 3) array for the last poses, and (n, 6) array for the fields of :class:`Counts`.
+        out: two arrays to fill: (n, 3) last poses, and (n, 6) fields of :class:`Counts`.
     """
     ends, counts = out
     errors, tolerance = np.empty(ERRORS), loop.law.config.tolerance
@@ -173,8 +172,8 @@ def _drive(loop: ContractLoop, cells: Cells, starts: Any, near: Any, steps: int,
             is_near = measured <= leaving_radius(sigma, tolerance)
             if is_near and rng.random() < 0.2:
                 after = random_motion(pose, near[1], rng)
-            before = rank_of(cells, pose, memory.course.leading)
-            rank = rank_of(cells, after, memory.course.leading)
+            before = rank_of(cells, pose, memory.approach.direction)
+            rank = rank_of(cells, after, memory.approach.direction)
             if before == TOO_HIGH:
                 break
             is_far = memory.switching.region == OMEGA_G
@@ -195,7 +194,7 @@ _drive_kernel = compile_bounds(_drive)
 
 
 def uniform_starts(rng: np.random.Generator, number: int, radius: float) -> Array:
-    """Return poses (number, 3) uniformly distributed in a disc of this radius [m], with random headings."""
+    """Return poses (number, 3), uniformly distributed in a disc of this radius [m], with random headings."""
     rho, angle = radius * np.sqrt(rng.random(number)), rng.uniform(-math.pi, math.pi, number)
     return np.stack([rho * np.cos(angle), rho * np.sin(angle), rng.uniform(-math.pi, math.pi, number)], axis=1)
 
@@ -203,14 +202,14 @@ def uniform_starts(rng: np.random.Generator, number: int, radius: float) -> Arra
 def drive(
     certificate: Certificate, runs: int, radius: float, steps: int, seed: int, *, any_memory: bool
 ) -> tuple[Counts, Array]:
-    """Drive runs with random errors and a progress bar. Return the counts and the last poses (runs, 3).
+    """Simulate runs with random errors. Return the counts and the last poses (runs, 3).
 
     Args:
         certificate: certificate with the ranks.
         runs: number of runs.
         radius: [m] radius of the disc of the starts. With random memories, half of the runs start near the goal.
         steps: number of steps of each run.
-        seed: the chunk of runs that begins with run i has the generator (seed, i).
+        seed: seed of starts, memories and errors.
         any_memory: True to start with random memories; False to start with the memory of a new goal.
     """
     loop, cells = loop_of(certificate), cells_of(certificate)

@@ -6,7 +6,7 @@ import numpy as np
 from noise_rows import noise_row
 
 from diffbot_control.law.configuration import SwitchingConfig
-from diffbot_control.law.steering import FRONT, drive_and_steer, led_by, navigation_variables
+from diffbot_control.law.steering import FORWARD, drive_and_steer, in_direction, navigation_variables
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_core.kinematics import Twist
 from diffbot_lab.stability.plan import Contract, Plan, ideal_law
@@ -39,12 +39,12 @@ def measured(pose, errors):
     return Pose(pose.x + share * x, pose.y + share * y, wrap_angle(pose.theta + CONTRACT.eps_theta * theta))
 
 
-def random_step(rng, box, leading):
+def random_step(rng, box, direction):
     """Return the state after a step of Omega_G from a random state of a box (rho, alpha, beta)."""
     r, a, b = (rng.uniform(low, high) for low, high in zip(box[::2], box[1::2], strict=True))
-    turned = 0.0 if leading == FRONT else math.pi
+    turned = 0.0 if direction == FORWARD else math.pi
     pose = Pose(-r * math.cos(b + turned), -r * math.sin(b + turned), wrap_angle(b - a))
     errors = np.sign(rng.uniform(-1.0, 1.0, 3)) * rng.choice([1.0, rng.uniform()])
-    seen = led_by(navigation_variables(measured(pose, errors)), leading)
-    command = drive_and_steer(seen, SLOWING * rng.uniform(), leading, LAW.gains, SHEET)
-    return led_by(navigation_variables(moved(rng, pose, command)), leading)
+    seen = in_direction(navigation_variables(measured(pose, errors)), direction)
+    command = drive_and_steer(seen, SLOWING * rng.uniform(), direction, LAW.gains, SHEET)
+    return in_direction(navigation_variables(moved(rng, pose, command)), direction)

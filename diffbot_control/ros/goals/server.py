@@ -42,7 +42,7 @@ _UPDATE_TIMEOUT = 1.0
 
 
 class GoalFeedback(NamedTuple):
-    """Progress towards the present goal."""
+    """Progress towards the current goal."""
 
     id: str
     state: str
@@ -91,7 +91,7 @@ class GoalServer:
         """[s] steady time up to which the accepted goals use up their rate of one per _PERIOD; [ns] newest stamp that
         was given to a goal without a stamp"""
         self._first_distance = 0.0
-        """[m] largest remaining distance of the present goal"""
+        """[m] largest remaining distance of the current goal"""
         self._update_stamps = StampWatch()
         node.subscribe(PoseStamped, GOAL_TOPIC, lambda message: self._receive(message, GOAL_TOPIC))
         node.subscribe(Path, PATH_TOPIC, lambda data: self._receive(read_path(data), PATH_TOPIC), raw=True)
@@ -172,7 +172,7 @@ class GoalServer:
         """Accept a goal or a path of an action at once.
 
         Raises:
-            BadMessageError: if the message cannot be used; the present goal does not change.
+            BadMessageError: if the message cannot be used; the current goal does not change.
         """
         goals = self.goals_of(message)
         self.drop_waiting(REPLACED, f"by a newer goal ({source})")
@@ -198,7 +198,7 @@ class GoalServer:
         self.publish_changes(force=True)
 
     def _on_update(self, message: PoseStamped) -> None:
-        """Correct the present goal.
+        """Correct the current goal.
 
         Raises:
             BadMessageError: if the correction is far from the goal, or if its stamp is old or does not advance, because
@@ -235,7 +235,7 @@ class GoalServer:
         return had_goal
 
     def cancel_goal(self, goal_id: str, reason: str) -> bool:
-        """Cancel the present goal if its id is ``goal_id``; return True if it is cancelled."""
+        """Cancel the current goal if its id is ``goal_id``; return True if it is cancelled."""
         present = self._node.supervisor.goals.present
         return present is not None and present.request.id == goal_id and (present.is_cancelling or self.cancel(reason))
 
@@ -290,7 +290,7 @@ class GoalServer:
                 listener(record)
 
     def _publish_feedback(self) -> None:
-        """Publish the progress towards the present goal, if there is a goal and a pose."""
+        """Publish the progress towards the current goal, if there is a goal and a pose."""
         supervisor = self._node.supervisor
         present = supervisor.goals.present
         if present is None or supervisor.pose is None:

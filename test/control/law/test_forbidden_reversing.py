@@ -9,7 +9,7 @@ from diffbot_control.law.docking import DOCKED, STAGING, UNDOCKED, UNDOCKING, Do
 from diffbot_control.law.docking_axis import DockingConfig
 from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.regions import OMEGA_G, OMEGA_L, Switching
-from diffbot_control.law.steering import BACK, FRONT, UNDECIDED, Course
+from diffbot_control.law.steering import BACKWARD, FORWARD, UNDECIDED, Approach
 from diffbot_control.law.switching import SwitchingLaw, new_memory
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
@@ -103,7 +103,7 @@ def test_in_any_state_of_the_law(sheet, states):
         memory = new_memory()._replace(
             switching=Switching(number.choice((OMEGA_G, OMEGA_L)), 1, number.choice((0.0, 5.0))),
             command=Twist(-number.uniform(0.1, 1.3), number.uniform(-1.0, 1.0)),
-            course=Course(number.choice((UNDECIDED, FRONT, BACK)), number.random() < 0.5),
+            approach=Approach(number.choice((UNDECIDED, FORWARD, BACKWARD)), number.random() < 0.5),
         )
         config = limited(**sheet)._replace(symmetric_yaw_tolerance=number.random() < 0.5)
         reach = 10.0 ** number.uniform(-2.0, 0.7)

@@ -10,17 +10,17 @@ from hypothesis import strategies as st
 
 from diffbot_control.law.limits import limit_global
 from diffbot_control.law.steering import (
-    BACK,
-    FRONT,
-    Course,
+    BACKWARD,
+    FORWARD,
+    Approach,
     Gains,
     Navigation,
     approach_speed,
-    chosen_course,
-    course_lyapunov,
+    choose_approach,
     drive_and_hold,
     drive_and_steer,
     gains_of,
+    global_lyapunov,
     local_lyapunov,
     navigation_variables,
     uncertainty_ratio,
@@ -66,8 +66,9 @@ def test_the_commands_are_those_of_the_equations(rho, alpha, beta, gains):
     v, omega = f * math.cos(alpha), profile(alpha, gains.turn_brake, gains.turn_react)
     omega += f / rho * math.sin(alpha) / alpha * math.cos(alpha) * (alpha + h * beta)
     navigation = Navigation(rho, alpha, beta)
-    assert drive_and_steer(navigation, 0.0, FRONT, gains, UNLIMITED) == pytest.approx((v, omega), rel=1e-6, abs=1e-9)
-    assert drive_and_steer(navigation, 0.0, BACK, gains, UNLIMITED) == pytest.approx((-v, omega), rel=1e-6, abs=1e-9)
+    for direction in (FORWARD, BACKWARD):
+        expected = pytest.approx((direction * v, omega), rel=1e-6, abs=1e-9)
+        assert drive_and_steer(navigation, 0.0, direction, gains, UNLIMITED) == expected
     hold = -profile(beta, gains.hold_brake, gains.hold_react)
     assert drive_and_hold(navigation, beta, 0.0, gains, UNLIMITED) == pytest.approx((v, hold), rel=1e-6, abs=1e-9)
 
@@ -95,18 +96,18 @@ def test_the_limits_keep_the_steering_and_as_much_speed_as_a_search_finds(phi, v
 
 @CHECK
 @given(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.floats(-3.1, 3.1), st.booleans(), st.booleans())
-def test_the_course_with_the_least_turning_is_chosen_of_those_allowed(x, y, theta, backward, symmetric):
+def test_the_allowed_approach_with_the_least_turning_is_chosen(x, y, theta, backward, symmetric):
     assume(math.hypot(x, y) > 0.1)
 
-    def turning(leading, turned):
+    def turning(direction, opposite_heading):
         """Return the angle of the turn onto the line to the goal, plus the angle of the turn to the heading there."""
-        line = math.atan2(-y, -x) + (math.pi if leading == BACK else 0.0)
-        goal = math.pi if turned else 0.0
+        line = math.atan2(-y, -x) + (math.pi if direction == BACKWARD else 0.0)
+        goal = math.pi if opposite_heading else 0.0
         return sum(abs(math.remainder(angle, math.tau)) for angle in (line - theta, goal - line))
 
-    courses = itertools.product((FRONT, BACK) if backward else (FRONT,), (False, True) if symmetric else (False,))
-    turnings = {Course(*one): turning(*one) for one in courses}
-    found = chosen_course(navigation_variables(Pose(x, y, theta)), backward, symmetric)
+    directions, opposites = (FORWARD, BACKWARD)[: 1 + backward], (False, True)[: 1 + symmetric]
+    turnings = {Approach(*one): turning(*one) for one in itertools.product(directions, opposites)}
+    found = choose_approach(navigation_variables(Pose(x, y, theta)), backward, symmetric)
     assert turnings[found] == pytest.approx(min(turnings.values()), abs=1e-9)
 
 
@@ -149,8 +150,8 @@ def test_the_lyapunov_functions_decrease_as_stated(rho, alpha, beta):
         return (value(robot.pose) - value(pose)) / h
 
     far = slope(
-        lambda one: course_lyapunov(navigation_variables(one)),
-        drive_and_steer(navigation, 0.0, FRONT, gains, UNLIMITED),
+        lambda one: global_lyapunov(navigation_variables(one)),
+        drive_and_steer(navigation, 0.0, FORWARD, gains, UNLIMITED),
     )
     alpha, beta = navigation.alpha, navigation.beta
     drive = -rho * f * math.cos(alpha) ** 2

@@ -9,7 +9,7 @@ from diffbot_control.law.goal_checker import Settling
 from diffbot_control.law.latency import Actuation, resting_actuation
 from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.regions import MAX_DEPARTURES, OMEGA_G, OMEGA_L, Switching
-from diffbot_control.law.steering import BACK, Course
+from diffbot_control.law.steering import BACKWARD, Approach
 from diffbot_control.law.switching import SwitchingLaw, SwitchingMemory, new_memory, step
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
@@ -116,7 +116,7 @@ def test_an_estimate_that_keeps_changing_ends_the_goal_after_the_largest_number_
 def test_a_new_goal_keeps_only_the_motion():
     motion = Twist(0.7, -0.3), Actuation(Twist(0.5, -0.2), resting_actuation().history)
     memory = SwitchingMemory(
-        Switching(OMEGA_L, 4, 0.3), motion[0], Settling(9, True), Course(BACK, True), motion[1], True
+        Switching(OMEGA_L, 4, 0.3), motion[0], Settling(9, True), Approach(BACKWARD, True), motion[1], True
     )
     expected = new_memory()._replace(command=motion[0], actuation=motion[1])
     assert SwitchingLaw.memory_for_new_goal(memory, TUNED) == expected

@@ -12,11 +12,9 @@ from diffbot_lab.benchmark.cases import arena_starts, cases_named, starts_named,
 from diffbot_lab.benchmark.entries import (
     ENTRIES,
     OWN_NAME,
-    TUNING,
     config_of,
     entries_for,
     is_run,
-    read_tuning,
     tuned_values,
 )
 from diffbot_lab.benchmark.runs import TRAINING_SEED, BenchmarkOptions, run_benchmark, run_case, run_paths
@@ -38,9 +36,8 @@ def test_the_same_seed_gives_the_same_results(benchmarked):
     results, outcomes = benchmarked
     both = [OWN_NAME, PEER]
     assert [[one["name"] for one in row["laws"]] for row in results["cases"]] == [both, both, [OWN_NAME]]
-    tuning = read_tuning(TUNING)
     for name, found in outcomes.items():
-        values = tuned_values(tuning, BY_NAME[name])
+        values = tuned_values(results["tuning"], BY_NAME[name])
         np.testing.assert_array_equal(run_case(BY_NAME[name], NOMINAL, values, 17, 7), found)
 
 

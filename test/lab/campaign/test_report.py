@@ -14,7 +14,7 @@ from diffbot_lab.campaign.spec import code_version, make_campaign
 from diffbot_lab.campaign.statistics import CellStatistics, count_outcomes
 from diffbot_sim.batch import run_batch
 
-BASE = {"runs": 5, "duration": 15.0, "feedback": "truth", "start": {"box": {"x": [-2.0, 2.0], "y": [-2.0, 2.0]}}}
+BASE = {"runs": 5, "duration": 15.0, "feedback": "raw", "start": {"box": {"x": [-2.0, 2.0], "y": [-2.0, 2.0]}}}
 BASE["set"] = {"preset": "paper"}
 GRID = {"k": [1.0, 4.0], "eps_P": [0.05, 0.2, 0.5]}
 
@@ -73,5 +73,5 @@ def test_a_large_grid_without_settled_runs_is_drawn(tmp_path):
     cells = json.loads((tmp_path / "results.json").read_text(), parse_constant=pytest.fail)["cells"]
     assert {(cell["success_rate"], cell["settling_time_q50"]) for cell in cells} == {(0.0, None)}
     heading, *_, last = table(campaign, statistics).splitlines()
-    assert heading == "law switching, preset paper; feedback truth; 0.1 s; seed 1; not the default: nothing"
+    assert heading == "law switching, preset paper; feedback raw; 0.1 s; seed 1; not the default: nothing"
     assert last == "... and 22 more cells in results.csv"

@@ -78,7 +78,6 @@ REFUSED = {
     "too large for a float": (f"start: {{list: [[0, 0, 1{'0' * 400}]]}}", "<a number of 1329 bits>"),
     "box turned round": ("start: {box: {x: [1, 0]}}", "start.box.x = [1, 0]"),
     "circle of nan headings": ("start: {circle: {radius: 1, headings: [.nan]}}", "start.circle.headings = [nan]"),
-    "of another law": ("set: {h: 0.2}", "h = 0.2"),
     "of another law in a cell": ("set: {sigma_known: 0.1}\ngrid: {preset: [tuned, paper]}", "sigma_known = 0.1"),
     "of the filter, without a filter": (
         "feedback: raw\nset: {gate_probability: 0.9}",

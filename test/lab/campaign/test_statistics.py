@@ -48,7 +48,7 @@ def statistics_of(*tables):
     return found
 
 
-def test_the_summary_is_numpys():
+def test_the_summary_equals_numpys_quantiles_and_counts():
     rng = np.random.default_rng(1)
     table = rng.lognormal(0.0, 2.0, (10_000, len(COLUMNS)))
     table[:, COLUMNS.index("switches")] = rng.integers(0, 150, 10_000)
@@ -104,7 +104,7 @@ def test_missing_values_give_none():
     json.dumps(summary, allow_nan=False)
 
 
-def test_the_distribution_is_scipys_and_includes_runs_that_did_not_settle():
+def test_the_distribution_equals_scipys_and_includes_runs_that_did_not_settle():
     effort = np.random.default_rng(1).lognormal(0.0, 2.0, 5000)
     values, shares = statistics_of(outcomes_of(effort=effort)).ecdf("effort")
     assert values == sorted(values)

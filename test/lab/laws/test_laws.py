@@ -90,7 +90,7 @@ def numbers_of(value):
 
 
 @pytest.mark.study
-@pytest.mark.parametrize("name", ["pure_pursuit", "nav2_graceful"])
+@pytest.mark.parametrize("name", ["pure_pursuit", "nav2_docking"])
 def test_a_law_compiles_to_the_same_steps(name):
     law = resolve_law(name)
     step, version = law.step, law_version(law)

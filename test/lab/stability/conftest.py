@@ -10,7 +10,7 @@ from diffbot_lab.stability.plan import Plan, ideal_law
 @pytest.fixture(scope="session")
 def plan():
     near = holding_radius(ideal_law(SwitchingConfig(), Plan()), Plan())
-    return Plan(to=1.9, margin=1.3 - near, fineness=0.4)
+    return Plan(to=1.5, margin=1.3 - near, fineness=0.4)
 
 
 @pytest.fixture(scope="session")

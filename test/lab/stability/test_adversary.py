@@ -39,7 +39,7 @@ def test_the_recurrent_distance_is_reached_in_every_window():
 
 def test_the_search_improves_and_stays_within_the_certified_radius(certificate):
     distances = []
-    attack = search(loop_of(certificate), 1, generations=3, population=8, each=distances.append)
+    attack = search(loop_of(certificate), 1, generations=3, population=6, each=distances.append)
     assert distances == sorted(distances)
     assert distances[-1] == attack.distance
     assert 0.03 < attack.distance < certificate.claims.radius

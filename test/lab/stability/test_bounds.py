@@ -8,7 +8,7 @@ from tuned_steps import CONFIG, LAW, PLAN, SHEET, SLOWING, measured, moved, rand
 
 from diffbot_control.law.law import CONTACT_UNKNOWN, Observation
 from diffbot_control.law.regions import OMEGA_G, OMEGA_L, Switching
-from diffbot_control.law.steering import BACK, FRONT, Navigation, drive_and_steer
+from diffbot_control.law.steering import BACKWARD, FORWARD, Navigation, drive_and_steer
 from diffbot_control.law.switching import new_memory, step
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose
@@ -39,7 +39,7 @@ def test_the_bounds_contain_the_commands_of_the_law():
         v_low, v_high, omega_low, omega_high = command_of(LOOP, *zip(low.tolist(), high.tolist(), strict=True))
         for share in (*np.eye(3), *rng.uniform(size=(4, 3)), np.zeros(3), np.ones(3)):
             at = Navigation(*(low + share * (high - low)))
-            v, omega = drive_and_steer(at, rng.choice([0.0, SLOWING]), FRONT, LAW.gains, SHEET)
+            v, omega = drive_and_steer(at, rng.choice([0.0, SLOWING]), FORWARD, LAW.gains, SHEET)
             assert v_low - ROUNDING <= v <= v_high + ROUNDING, (low, high, at)
             assert omega_low - ROUNDING <= omega <= omega_high + ROUNDING, (low, high, at)
 
@@ -49,9 +49,9 @@ def near_or_around(angle, low, high):
     return any(low - ROUNDING <= angle + 2.0 * math.pi * turn <= high + ROUNDING for turn in (-1, 0, 1))
 
 
-@pytest.mark.parametrize("leading", [FRONT, BACK])
-def test_the_checkers_images_contain_the_states_after_a_step_whichever_end_leads(leading):
-    rng = np.random.default_rng(2 + leading)
+@pytest.mark.parametrize("direction", [FORWARD, BACKWARD])
+def test_the_checkers_images_contain_the_states_after_a_step_in_both_directions_of_travel(direction):
+    rng = np.random.default_rng(2 + direction)
     for _ in range(60):
         rho = rng.choice([rng.uniform(0.12, 0.4), rng.uniform(0.3, 1.0), rng.uniform(1.0, 12.0)])
         alpha, beta = rng.uniform(-math.pi, math.pi - 0.1, 2)
@@ -59,7 +59,7 @@ def test_the_checkers_images_contain_the_states_after_a_step_whichever_end_leads
         boxes = images_of(sides)
         assert len(boxes) > 0
         for _ in range(12):
-            found = random_step(rng, sides, leading)
+            found = random_step(rng, sides, direction)
             assert any(
                 r0 - ROUNDING <= found.rho <= r1 + ROUNDING
                 and near_or_around(found.alpha, a0, a1)
@@ -76,9 +76,8 @@ def test_the_makers_images_contain_the_states_after_a_step():
         for cell in rng.integers(0, alphas // 2 * betas, 12):
             alpha = 2.0 * math.pi / alphas * (cell // betas)
             beta = 2.0 * math.pi / betas * (cell % betas) - math.pi
-            found = random_step(
-                rng, (rho, rho + 0.01, alpha, alpha + 2.0 * math.pi / alphas, beta, beta + 2.0 * math.pi / betas), FRONT
-            )
+            sides = rho, rho + 0.01, alpha, alpha + 2.0 * math.pi / alphas, beta, beta + 2.0 * math.pi / betas
+            found = random_step(rng, sides, FORWARD)
             assert any(
                 r0 <= found.rho <= r1 and near_or_around(found.alpha, a0, a1) and near_or_around(found.beta, b0, b1)
                 for r0, r1, a0, a1, b0, b1 in boxes[start[cell] : start[cell + 1]].tolist()

@@ -12,15 +12,15 @@ from diffbot_core.errors import DiffbotError
 from diffbot_lab.stability.file import load_certificate, pack, save_certificate, unpack
 
 
-@pytest.fixture
-def path(certificate, tmp_path):
-    path = tmp_path / "one.json"
+@pytest.fixture(scope="module")
+def saved(certificate, tmp_path_factory):
+    path = tmp_path_factory.mktemp("saved") / "one.json"
     save_certificate(path, certificate)
     return path
 
 
-def test_a_written_certificate_is_read_unchanged(certificate, path):
-    found = load_certificate(path)
+def test_a_written_certificate_is_read_unchanged(certificate, saved):
+    found = load_certificate(saved)
     assert (found.plan, found.config, found.claims) == (certificate.plan, certificate.config, certificate.claims)
     for name in ("rho", "alphas", "betas", "ranks"):
         np.testing.assert_array_equal(getattr(found, name), getattr(certificate, name))
@@ -48,8 +48,8 @@ INVALID = [
 
 
 @pytest.mark.parametrize(("change", "part"), INVALID)
-def test_invalid_files_are_refused_in_one_line(path, change, part):
-    content = json.loads(path.read_text())
+def test_invalid_files_are_refused_in_one_line(saved, tmp_path, change, part):
+    path, content = tmp_path / "changed.json", json.loads(saved.read_text())
     for name, value in change.items():
         *outer, last = name.split(".")
         fields = content

@@ -134,9 +134,9 @@ def test_a_certificate_of_another_law_or_contract_is_found(certificate):
 def test_bounds_that_grow_with_the_distance_are_checked_at_each_distance(plan, certificate):
     contract = Contract(position_slope=0.01, theta_slope=0.01, sigma_slope=0.002)
     sloped = maker.certify(CONFIG, plan._replace(contract=contract))
-    assert sloped.claims.steps > certificate.claims.steps
+    assert sloped.claims.radius > certificate.claims.radius
     verify(sloped)
-    assert drive(sloped, 200, 1.9, sloped.claims.steps, 1, any_memory=False)[0].broken == 0
+    assert drive(sloped, 200, plan.to, sloped.claims.steps, 1, any_memory=False)[0].broken == 0
     for steeper in ({"position_slope": 0.012}, {"theta_slope": 0.015}, {"sigma_slope": 0.02}):
         with pytest.raises(DiffbotError, match="not verified"):
             verify(sloped._replace(plan=plan._replace(contract=contract._replace(**steeper))))
