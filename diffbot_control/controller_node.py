@@ -88,7 +88,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
 
     def __init__(self, **node_options: Any) -> None:
         """Create the node; it is active afterwards if the parameter ``autostart`` is true."""
-        super().__init__("controller", ControllerNodeConfig, None, **node_options)
+        super().__init__("controller", ControllerNodeConfig, **node_options)
 
     def configure(self) -> None:
         """Create publishers, subscriptions, services and the timers for missing poses and the status."""
@@ -160,10 +160,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self.subscribe(PoseWithCovarianceStamped if topic == "pose" else Odometry, topic, self._on_pose, qos)
 
     def parameter_set(
-        self,
-        config_type: type[ControllerNodeConfig],
-        presets: Mapping[str, ControllerNodeConfig] | None,
-        overrides: Mapping[str, Any],
+        self, config_type: type[ControllerNodeConfig], overrides: Mapping[str, Any]
     ) -> tuple[type[ControllerNodeConfig], Mapping[str, ControllerNodeConfig] | None]:
         """Return the parameters of the node, with the parameters of the law that the overrides select."""
         return parameter_set_of(overrides)
