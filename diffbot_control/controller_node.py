@@ -15,7 +15,7 @@ from std_msgs.msg import Bool
 from diffbot_control.goals.record import CANCELLED, NOT_REACHED
 from diffbot_control.goals.states import STALE, WAITING, WITH_GOAL
 from diffbot_control.goals.supervisor import Supervisor
-from diffbot_control.law.law import CONTACT, CONTACT_UNKNOWN, NO_CONTACT, STOP
+from diffbot_control.law.law import CONTACT, CONTACT_UNKNOWN, NO_CONTACT
 from diffbot_control.ros.controller_publishers import BEYOND_LIMITS, LEVELS, STATE_LOG_PERIOD, ControllerPublishers
 from diffbot_control.ros.frames import robot_frame
 from diffbot_control.ros.goals.actions import ActionServers, Nav2Actions, serve
@@ -23,6 +23,7 @@ from diffbot_control.ros.goals.server import GoalServer
 from diffbot_control.ros.messages.fields import pose_from
 from diffbot_control.ros.parameters.controller import ControllerNodeConfig, law_of, parameter_set_of
 from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import STOP
 from diffbot_core.ros.managed_node import ManagedNode
 from diffbot_core.ros.qos import LATCHED, sensor_qos
 from diffbot_core.ros.run import run

@@ -22,7 +22,7 @@ from diffbot_control.law.switching import SwitchingLaw
 from diffbot_core.data_sheet import MAX_COMMAND_LATENCY
 from diffbot_core.errors import BadMessageError, InvalidValueError
 from diffbot_core.geometry import Point, Pose, into_frame
-from diffbot_core.kinematics import Twist, body_twist, encoder_covariance
+from diffbot_core.kinematics import STOP, Twist, body_twist, encoder_covariance
 from diffbot_core.stamps import NS_PER_S, S_PER_NS
 from diffbot_core.uncertainty import CERTAIN, Uncertainty
 from diffbot_sim.config import WorldConfig
@@ -48,7 +48,6 @@ from diffbot_sim.sensors import (
 )
 
 Array = NDArray[np.float64]
-_STOP = Twist(0.0, 0.0)
 _MAX_DURATION = 3600.0
 """[s] longest duration of a drive, whatever the timeouts of its goal are"""
 
@@ -334,8 +333,8 @@ class ClosedLoop:
         if now - began > _MAX_DURATION:
             supervisor.give_up(f"not reached within {_MAX_DURATION:g} s")
         if self.estimate is None:
-            return supervisor.on_tick(now) or _STOP
-        return supervisor.on_pose(self.world.stamp, now, self.estimate, self.uncertainty) or _STOP
+            return supervisor.on_tick(now) or STOP
+        return supervisor.on_pose(self.world.stamp, now, self.estimate, self.uncertainty) or STOP
 
 
 class LoopRecord(NamedTuple):

@@ -15,11 +15,11 @@ from diffbot_control.goals.states import TABLE, WITH_GOAL, GoalEvent, Reaction, 
 from diffbot_control.goals.timing import MAX_STEP, GoalGuard, PoseClock, RemainingPath
 from diffbot_control.law import CONTACT_UNKNOWN, OMEGA_L, Law, Observation, Report, SwitchingConfig, SwitchingLaw
 from diffbot_control.law.goal_checker import is_at_rest, is_knowable, smallest_tolerance
-from diffbot_control.law.law import STOP, LawError, braking_step, errors_of, guarded_step
+from diffbot_control.law.law import LawError, braking_step, errors_of, guarded_step
 from diffbot_control.law.limits import is_beyond
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose, wrap_angle
-from diffbot_core.kinematics import Twist
+from diffbot_core.kinematics import STOP, Twist
 from diffbot_core.schema import DISTANCE, TIME, TIMEOUT, Spec, known_fields
 from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty
 
