@@ -16,12 +16,13 @@ from diffbot_control.goals.record import CANCELLED, NOT_REACHED
 from diffbot_control.goals.states import STALE, WAITING, WITH_GOAL
 from diffbot_control.goals.supervisor import Supervisor
 from diffbot_control.law.law import CONTACT, CONTACT_UNKNOWN, NO_CONTACT
+from diffbot_control.law.registry import resolve_law
 from diffbot_control.ros.controller_publishers import BEYOND_LIMITS, LEVELS, STATE_LOG_PERIOD, ControllerPublishers
 from diffbot_control.ros.frames import robot_frame
 from diffbot_control.ros.goals.actions import ActionServers, Nav2Actions, serve
 from diffbot_control.ros.goals.server import GoalServer
 from diffbot_control.ros.messages.fields import pose_from
-from diffbot_control.ros.parameters.controller import ControllerNodeConfig, law_of, parameter_set_of
+from diffbot_control.ros.parameters.controller import ControllerNodeConfig, parameter_set_of
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import STOP
 from diffbot_core.ros.managed_node import ManagedNode
@@ -94,7 +95,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
     def configure(self) -> None:
         """Create publishers, subscriptions, services and the timers for missing poses and the status."""
         config = self.config
-        self.supervisor = Supervisor(config.supervisor, law_of(config.law))
+        self.supervisor = Supervisor(config.supervisor, resolve_law(config.law))
         self._robot_frame = robot_frame(config)
         self.outputs = ControllerPublishers(self)
         self.goals = GoalServer(self)

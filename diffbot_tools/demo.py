@@ -18,7 +18,7 @@ from tqdm import tqdm
 
 from diffbot_control.goals.record import REACHED
 from diffbot_control.law.goal_checker import GoalTolerance
-from diffbot_control.law.presets import PRESETS, TUNED
+from diffbot_control.law.registry import PRESETS, TUNED
 from diffbot_core.errors import DiffbotError
 from diffbot_core.files import is_bag_folder, output_folder, write_json
 from diffbot_core.geometry import Pose

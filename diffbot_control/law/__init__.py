@@ -18,8 +18,8 @@ from diffbot_control.law.latency import coast
 from diffbot_control.law.law import CONTACT, CONTACT_UNKNOWN, NO_CONTACT, Law, Observation, Report
 from diffbot_control.law.limits import limit_acceleration, limit_change, limit_velocity
 from diffbot_control.law.paper import PaperLaw
-from diffbot_control.law.presets import PAPER, PRECISE, PRESETS, TUNED, Preset
 from diffbot_control.law.regions import OMEGA_G, OMEGA_L
+from diffbot_control.law.registry import PAPER, PRECISE, PRESETS, TUNED, Preset
 from diffbot_control.law.steering import Navigation, navigation_variables
 from diffbot_control.law.switching import SwitchingLaw, SwitchingMemory, new_memory, step
 

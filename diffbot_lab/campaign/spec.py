@@ -13,8 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from diffbot_control.filter.config import FilterConfig
-from diffbot_control.goals.registry import resolve_law
-from diffbot_control.law.presets import TUNED
+from diffbot_control.law.registry import TUNED, resolve_law
 from diffbot_control.law.switching import SwitchingLaw
 from diffbot_core.errors import DiffbotError, InvalidValueError, known_name, shown
 from diffbot_core.files import read_text
