@@ -14,8 +14,9 @@ from rclpy.node import NodeNameNonExistentError
 from std_srvs.srv import Trigger
 
 from diffbot_control.goals import states
-from diffbot_control.goals.path import time_remaining, with_headings
+from diffbot_control.goals.path_headings import with_headings
 from diffbot_control.goals.record import CANCELLED, REFUSED, REPLACED, GoalRecord, GoalRequest, goal_id
+from diffbot_control.goals.timing import time_remaining
 from diffbot_control.ros.controller_publishers import goal_info
 from diffbot_control.ros.messages.conversions import path_from, read_path
 from diffbot_control.ros.messages.fields import stamp_ns
