@@ -25,10 +25,10 @@ from diffbot_control.ros.messages.fields import pose_from
 from diffbot_control.ros.parameters.controller import ControllerNodeConfig, parameter_set_of
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import STOP
+from diffbot_core.ros.graph import publisher_names
 from diffbot_core.ros.managed_node import ManagedNode
 from diffbot_core.ros.qos import LATCHED, sensor_qos
 from diffbot_core.ros.run import run
-from diffbot_core.ros.watches import publisher_names
 from diffbot_core.stamps import NS_PER_S
 from diffbot_core.uncertainty import Uncertainty
 
@@ -180,10 +180,6 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         level = max(level, DiagnosticStatus.WARN[0] if problem else 0, LEVELS.get(self.supervisor.status, 0))
         return level, f"{self.supervisor.status}; {text}"
 
-    def now(self) -> float:
-        """Return the node's time [s]."""
-        return self.clock_watch.now()
-
     def _tick_period(self) -> float:
         # The end of pose_timeout, or a clock that stands still, is detected up to one period late.
         return min(max(0.125 * self.config.supervisor.pose_timeout, _MIN_TICK_PERIOD), _MAX_TICK_PERIOD)
@@ -240,7 +236,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         if self._clock_problem():
             self._on_tick()
             return True
-        command = supervisor.on_pose(stamp, self.now(), pose, uncertainty, time.monotonic())
+        command = supervisor.on_pose(stamp, self.clock_watch.now(), pose, uncertainty, time.monotonic())
         if not supervisor.clock.advances:
             self.health.counted[f"{self._pose_topic} without a later stamp"] += 1
         if command is not None:
@@ -274,7 +270,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self.goals.take_waiting()
         supervisor = self.supervisor
         supervisor.clock.is_simulated = self.clock_watch.is_simulated
-        command = supervisor.on_tick(self.now(), time.monotonic(), bool(self._clock_problem()))
+        command = supervisor.on_tick(self.clock_watch.now(), time.monotonic(), bool(self._clock_problem()))
         if command is not None:
             self.outputs.commands.send(command)
         self._publish_changes()

@@ -20,8 +20,8 @@ from diffbot_core.ros.run import run
 from diffbot_core.stamps import NS_PER_S
 from diffbot_sim.lockstep import MAX_STEPS_WITHOUT_FIX, NO_COMMAND, NO_FILTER, NO_FIX, LockStep
 from diffbot_sim.parameters import LOCKSTEP, WALL, PlantNodeConfig
-from diffbot_sim.simulation import Arrivals, World
 from diffbot_sim.topics import PlantTopics
+from diffbot_sim.world import Arrivals, World
 
 _POLL_PERIOD, _STALL_PERIOD = 0.02, 1.0
 """[s] periods of the timers of the lock-step: polls before the first step, and checks for a missing answer"""

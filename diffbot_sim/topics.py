@@ -28,7 +28,7 @@ from diffbot_core.kinematics import Twist
 from diffbot_core.ros.node import DiffbotNode
 from diffbot_core.ros.qos import QUEUE, TRANSFORMS
 from diffbot_sim.parameters import WALL, PlantNodeConfig
-from diffbot_sim.simulation import Arrivals, HeadingReading, LandmarkReading, PoseReading, World
+from diffbot_sim.world import Arrivals, HeadingReading, LandmarkReading, PoseReading, World
 
 
 class PlantTopics:

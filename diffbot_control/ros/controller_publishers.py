@@ -33,10 +33,10 @@ from diffbot_core.endpoints import (
 )
 from diffbot_core.health import Throttle
 from diffbot_core.kinematics import Twist
+from diffbot_core.ros.graph import bases_elsewhere, publishers_of, subscriptions_of
 from diffbot_core.ros.managed_node import INACTIVE, ManagedNode
 from diffbot_core.ros.node import status_message
 from diffbot_core.ros.qos import LATCHED, QUEUE, STATUS, deliver
-from diffbot_core.ros.watches import bases_elsewhere, publishers_of, subscriptions_of
 from diffbot_core.stamps import NS_PER_S
 
 if TYPE_CHECKING:

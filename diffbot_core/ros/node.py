@@ -19,16 +19,10 @@ from rclpy.qos import QoSProfile
 from diffbot_core.endpoints import input_problem
 from diffbot_core.errors import BadMessageError, DiffbotError
 from diffbot_core.health import DROP_MEMORY, Health
+from diffbot_core.ros.graph import published_elsewhere, publishers_of, subscriptions_of
 from diffbot_core.ros.parameters import CheckedParameters, overrides_of
 from diffbot_core.ros.qos import PUBLISHER, QUEUE, SUBSCRIPTION, overridable
-from diffbot_core.ros.watches import (
-    CLOCK_TOPIC,
-    ClockWatch,
-    PublisherWatch,
-    published_elsewhere,
-    publishers_of,
-    subscriptions_of,
-)
+from diffbot_core.ros.watches import CLOCK_TOPIC, ClockWatch, PublisherWatch
 from diffbot_core.schema import C
 from diffbot_core.yaml_files import ParameterFiles
 
