@@ -241,15 +241,12 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
             self.health.counted[f"{self._pose_topic} without a later stamp"] += 1
         if command is not None:
             self.outputs.commands.send(command, stamp)
-            self._report_lowered_limits()
+            if supervisor.is_beyond_limits:
+                self.health.counted["commands beyond lowered limits"] += 1
+                self.get_logger().warning(BEYOND_LIMITS, throttle_duration_sec=STATE_LOG_PERIOD)
         self.outputs.publish_navigation(stamp, supervisor)
         self._publish_changes()
         return supervisor.clock.advances
-
-    def _report_lowered_limits(self) -> None:
-        if self.supervisor.is_beyond_limits:
-            self.health.counted["commands beyond lowered limits"] += 1
-            self.get_logger().warning(BEYOND_LIMITS, throttle_duration_sec=STATE_LOG_PERIOD)
 
     def _fallback(self) -> Uncertainty:
         """Return the uncertainty for a pose without covariance; count the pose, and log the first one."""
