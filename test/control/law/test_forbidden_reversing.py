@@ -5,8 +5,8 @@ import random
 import pytest
 from driven import ORIGIN, T_S, Robot, seen
 
+from diffbot_control.law.configuration import DockingConfig
 from diffbot_control.law.docking import DOCKED, STAGING, UNDOCKED, UNDOCKING, Docking
-from diffbot_control.law.docking_axis import DockingConfig
 from diffbot_control.law.regions import OMEGA_G, OMEGA_L, Switching
 from diffbot_control.law.registry import PRESETS
 from diffbot_control.law.steering import BACK, FRONT, UNDECIDED, Course
