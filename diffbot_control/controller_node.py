@@ -18,7 +18,6 @@ from diffbot_control.goals.supervisor import Supervisor
 from diffbot_control.law.law import CONTACT, CONTACT_UNKNOWN, NO_CONTACT
 from diffbot_control.law.registry import resolve_law
 from diffbot_control.ros.controller_publishers import BEYOND_LIMITS, LEVELS, STATE_LOG_PERIOD, ControllerPublishers
-from diffbot_control.ros.frames import robot_frame
 from diffbot_control.ros.goals.actions import ActionServers, Nav2Actions, serve
 from diffbot_control.ros.goals.server import GoalServer
 from diffbot_control.ros.messages.fields import pose_from
@@ -29,6 +28,7 @@ from diffbot_core.ros.graph import publisher_names
 from diffbot_core.ros.managed_node import ManagedNode
 from diffbot_core.ros.qos import LATCHED, sensor_qos
 from diffbot_core.ros.run import run
+from diffbot_core.shared_parameters import robot_frame
 from diffbot_core.stamps import NS_PER_S
 from diffbot_core.uncertainty import Uncertainty
 

@@ -9,11 +9,10 @@ from diffbot_control.goals.supervisor import SupervisorConfig
 from diffbot_control.law.law import Law
 from diffbot_control.law.registry import PRESETS, TUNED, resolve_law
 from diffbot_control.law.switching import SwitchingLaw
-from diffbot_control.ros.frames import PREFIX_TEXT, RELIABLE_TEXT
 from diffbot_core.endpoints import AUTO, TYPE_WORDS
 from diffbot_core.errors import InvalidValueError
-from diffbot_core.parameter_groups import CommandSourceConfig, FaultConfig, LifecycleConfig
 from diffbot_core.schema import PARTIAL, Spec, checked, parameters_of, variant
+from diffbot_core.shared_parameters import PREFIX_TEXT, RELIABLE_TEXT, CommandSourceConfig, FaultConfig, LifecycleConfig
 
 ALL, PATHS = "all", "follow_path"
 """Values of nav2_actions."""
