@@ -95,7 +95,7 @@ class World:
         self.odometry_P: Array = np.zeros((3, 3))
         """covariance of the odometry's pose"""
         self._source = NoiseSource()
-        self._noise = quiet_noise(1, len(config.landmarks.landmark_ids))
+        self._noise = quiet_noise(len(config.landmarks.landmark_ids))
         self._noise_step = -1
         self._fix_errors = NO_ERRORS
         self._fixes: list[tuple[int, PoseReading]] = []

@@ -122,7 +122,7 @@ class PoseClock:
         """Record that zero was sent: the next step starts from rest, without time to accelerate."""
         self._is_halted = True
 
-    def is_overdue(self, timeout: float, in_real_time: bool = True) -> bool:
+    def is_overdue(self, timeout: float, in_real_time: bool) -> bool:
         """Return True if the last pose is older than ``timeout`` [s]; False before the first pose.
 
         Args:
@@ -228,7 +228,7 @@ class GoalGuard:
         """[s] time without progress, and time at rest near the last goal"""
 
     def accept(
-        self, option: float, distance: float, goals: int, sheet: DataSheet, is_final: bool, is_replanned: bool = False
+        self, option: float, distance: float, goals: int, sheet: DataSheet, is_final: bool, is_replanned: bool
     ) -> None:
         """Start with a new goal or path.
 

@@ -65,7 +65,7 @@ def test_the_dock_is_detected_within_the_range_of_distances():
 
 
 def test_with_a_detector_poses_are_measured_at_its_rate_in_the_frame_of_the_dock():
-    robot, noise = Pose(-2.0, 0.4, 0.3), quiet_noise(1, 0)[:, 0]
+    robot, noise = Pose(-2.0, 0.4, 0.3), quiet_noise(0)[:, 0]
     config = SensorConfig(fix_rate=10.0, detector=CONFIG._replace(detection_rate=2.0, detection_delay=0.3))
     fix = sensors.measured_pose(out_of_frame(robot, dock_pose(config.detector)), NO_ERRORS, noise, config)
     assert fix.pose == pytest.approx(robot, abs=1e-12)
