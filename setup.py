@@ -29,7 +29,7 @@ LAWS = {
 CONFIGS = {
     "controller": "diffbot_control.ros.parameters.controller:ControllerNodeConfig",
     "paper": "diffbot_control.law.configuration:PaperConfig",
-    "docking": "diffbot_control.law.docking_axis:DockingConfig",
+    "docking": "diffbot_control.law.configuration:DockingConfig",
     "ekf": "diffbot_control.ros.parameters.ekf:EkfNodeConfig",
     "dock_ekf": "diffbot_control.ros.parameters.dock:DockEkfConfig",
     "plant": "diffbot_sim.parameters:PlantNodeConfig",

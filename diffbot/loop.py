@@ -14,7 +14,8 @@ from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.measurement import pose_fix
 from diffbot_control.filter.odometry import OdometryStep
 from diffbot_control.goals import GoalRequest, Supervisor
-from diffbot_control.ros.parameters.controller import ControllerNodeConfig, law_of
+from diffbot_control.law.registry import resolve_law
+from diffbot_control.ros.parameters.controller import ControllerNodeConfig
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist, TwistCovariance
@@ -49,7 +50,7 @@ class Controller(Supervisor):
             DiffbotError: if the robot is unknown or a value is not allowed.
         """
         node = ControllerNodeConfig() if robot is None else robot_of(robot).controller
-        super().__init__(with_parameters(node.supervisor, parameters), law_of(node.law))
+        super().__init__(with_parameters(node.supervisor, parameters), resolve_law(node.law))
         self._time = -math.inf
 
     def go_to(self, goal: AnyPose) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 from diffbot_bag.conversions import from_ros, message_class, offers, to_ros
 from diffbot_bag.losses import LossCounter
 from diffbot_bag.qos import Qos, to_request
-from diffbot_core.ros.watches import full_name
+from diffbot_core.ros.graph import full_name
 
 Receive = Callable[[bytes, dict[str, Any]], None]
 _BEST_EFFORT, _VOLATILE = "its reliability is best effort", "its durability is volatile"

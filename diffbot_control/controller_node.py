@@ -15,18 +15,20 @@ from std_msgs.msg import Bool
 from diffbot_control.goals.record import CANCELLED, NOT_REACHED
 from diffbot_control.goals.states import STALE, WAITING, WITH_GOAL
 from diffbot_control.goals.supervisor import Supervisor
-from diffbot_control.law.law import CONTACT, CONTACT_UNKNOWN, NO_CONTACT, STOP
+from diffbot_control.law.law import CONTACT, CONTACT_UNKNOWN, NO_CONTACT
+from diffbot_control.law.registry import resolve_law
 from diffbot_control.ros.controller_publishers import BEYOND_LIMITS, LEVELS, STATE_LOG_PERIOD, ControllerPublishers
-from diffbot_control.ros.frames import robot_frame
 from diffbot_control.ros.goals.actions import ActionServers, Nav2Actions, serve
 from diffbot_control.ros.goals.server import GoalServer
 from diffbot_control.ros.messages.fields import pose_from
-from diffbot_control.ros.parameters.controller import ControllerNodeConfig, law_of, parameter_set_of
+from diffbot_control.ros.parameters.controller import ControllerNodeConfig, parameter_set_of
 from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import STOP
+from diffbot_core.ros.graph import publisher_names
 from diffbot_core.ros.managed_node import ManagedNode
 from diffbot_core.ros.qos import LATCHED, sensor_qos
 from diffbot_core.ros.run import run
-from diffbot_core.ros.watches import publisher_names
+from diffbot_core.shared_parameters import robot_frame
 from diffbot_core.stamps import NS_PER_S
 from diffbot_core.uncertainty import Uncertainty
 
@@ -102,12 +104,12 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
 
     def __init__(self, **node_options: Any) -> None:
         """Create the node; it is active afterwards if the parameter ``autostart`` is true."""
-        super().__init__("controller", ControllerNodeConfig, None, **node_options)
+        super().__init__("controller", ControllerNodeConfig, **node_options)
 
     def configure(self) -> None:
         """Create publishers, subscriptions, services and the timers for missing poses and the status."""
         config = self.config
-        self.supervisor = Supervisor(config.supervisor, law_of(config.law))
+        self.supervisor = Supervisor(config.supervisor, resolve_law(config.law))
         self._robot_frame = robot_frame(config)
         self.outputs = ControllerPublishers(self)
         self.goals = GoalServer(self)
@@ -174,10 +176,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self.subscribe(PoseWithCovarianceStamped if topic == "pose" else Odometry, topic, self._on_pose, qos)
 
     def parameter_set(
-        self,
-        config_type: type[ControllerNodeConfig],
-        presets: Mapping[str, ControllerNodeConfig] | None,
-        overrides: Mapping[str, Any],
+        self, config_type: type[ControllerNodeConfig], overrides: Mapping[str, Any]
     ) -> tuple[type[ControllerNodeConfig], Mapping[str, ControllerNodeConfig] | None]:
         """Return the parameters of the node, with the parameters of the law that the overrides select."""
         return parameter_set_of(overrides)
@@ -194,10 +193,6 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         text = text if problem in text else f"{problem}; {text}"
         level = max(level, DiagnosticStatus.WARN[0] if problem else 0, LEVELS.get(self.supervisor.status, 0))
         return level, f"{self.supervisor.status}; {text}"
-
-    def now(self) -> float:
-        """Return the node's time [s]."""
-        return self.clock_watch.now()
 
     def _tick_period(self) -> float:
         # The end of pose_timeout, or a clock that stands still, is detected up to one period late.
@@ -255,20 +250,17 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         if self._clock_problem():
             self._on_tick()
             return True
-        command = supervisor.on_pose(stamp, self.now(), pose, uncertainty, time.monotonic())
+        command = supervisor.on_pose(stamp, self.clock_watch.now(), pose, uncertainty, time.monotonic())
         if not supervisor.clock.advances:
             self.health.counted[f"{self._pose_topic} without a later stamp"] += 1
         if command is not None:
             self.outputs.commands.send(command, stamp)
-            self._report_lowered_limits()
+            if supervisor.is_beyond_limits:
+                self.health.counted["commands beyond lowered limits"] += 1
+                self.get_logger().warning(BEYOND_LIMITS, throttle_duration_sec=STATE_LOG_PERIOD)
         self.outputs.publish_navigation(stamp, supervisor)
         self._publish_changes()
         return supervisor.clock.advances
-
-    def _report_lowered_limits(self) -> None:
-        if self.supervisor.is_beyond_limits:
-            self.health.counted["commands beyond lowered limits"] += 1
-            self.get_logger().warning(BEYOND_LIMITS, throttle_duration_sec=STATE_LOG_PERIOD)
 
     def _fallback(self) -> Uncertainty:
         """Return the uncertainty for a pose without covariance; count the pose, and log the first one."""
@@ -289,7 +281,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self.goals.take_waiting()
         supervisor = self.supervisor
         supervisor.clock.is_simulated = self.clock_watch.is_simulated
-        command = supervisor.on_tick(self.now(), time.monotonic(), bool(self._clock_problem()))
+        command = supervisor.on_tick(self.clock_watch.now(), time.monotonic(), bool(self._clock_problem()))
         if command is not None:
             self.outputs.commands.send(command)
         self._publish_changes()

@@ -51,13 +51,6 @@ CONTROLLER_DEFAULTS = MappingProxyType(
 )
 """Defaults that differ from the defaults of the controller in map."""
 
-
-def remappings(name: str) -> list[str]:
-    """Return the ROS arguments that set the name of the node and add the prefix ``dock/`` to its topics."""
-    rules = [f"__node:={name}", *(f"{topic}:=dock/{topic}" for topic in _IN_MAP)]
-    return ["--ros-args", *(word for rule in rules for word in ("-r", rule))]
-
-
 _CHECK_PERIOD = 0.05
 """[s] period of the checks for a new goal while there are no poses"""
 _RELEASE_TIME = 0.5
@@ -65,14 +58,18 @@ _RELEASE_TIME = 0.5
 _UNDER_WAY = GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING
 
 
+def remappings(name: str) -> list[str]:
+    """Return the ROS arguments that set the name of the node and add the prefix ``dock/`` to its topics."""
+    rules = [f"__node:={name}", *(f"{topic}:=dock/{topic}" for topic in _IN_MAP)]
+    return ["--ros-args", *(word for rule in rules for word in ("-r", rule))]
+
+
 class DockEkfNode(EkfNode):
     """The filter in the frame of the dock."""
 
-    def parameter_set(
-        self, config_type: type[EkfNodeConfig], presets: Mapping[str, EkfNodeConfig] | None, overrides: Any
-    ) -> tuple[type[EkfNodeConfig], Mapping[str, EkfNodeConfig] | None]:
+    def parameter_set(self, config_type: type[EkfNodeConfig], overrides: Any) -> tuple[type[EkfNodeConfig], None]:
         """Return the parameters of an ekf in the frame of a dock."""
-        return DockEkfConfig, presets
+        return DockEkfConfig, None
 
 
 class DockControllerNode(RobotControllerNode):
@@ -81,7 +78,7 @@ class DockControllerNode(RobotControllerNode):
     actions = DockActions
 
     def parameter_set(
-        self, config_type: type[Any], presets: Mapping[str, Any] | None, overrides: Mapping[str, Any]
+        self, config_type: type[Any], overrides: Mapping[str, Any]
     ) -> tuple[type[Any], Mapping[str, Any] | None]:
         """Return the parameters of a controller with the law ``docking`` and CONTROLLER_DEFAULTS.
 
@@ -90,7 +87,7 @@ class DockControllerNode(RobotControllerNode):
         """
         if overrides.get("law", Docking.name) != Docking.name:
             raise InvalidValueError("law", overrides["law"], Docking.name)
-        config_type, presets = super().parameter_set(config_type, presets, {**overrides, "law": Docking.name})
+        config_type, presets = super().parameter_set(config_type, {**overrides, "law": Docking.name})
         return variant(config_type, {}, values=CONTROLLER_DEFAULTS), presets
 
     def configure(self) -> None:

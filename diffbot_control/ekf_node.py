@@ -24,7 +24,6 @@ from diffbot_control.filter.models import move
 from diffbot_control.filter.odometry import OdometryStep
 from diffbot_control.filter.state_file import BrokenStateError, StateKeeper
 from diffbot_control.ros.ekf_publishers import EkfPublishers
-from diffbot_control.ros.frames import odometry_frame
 from diffbot_control.ros.input_watch import (
     CONTRADICT,
     CONTRADICTED,
@@ -48,6 +47,7 @@ from diffbot_core.ros.managed_node import INACTIVE, ManagedNode
 from diffbot_core.ros.node import status_message
 from diffbot_core.ros.qos import LATCHED, STATUS, sensor_qos
 from diffbot_core.ros.run import run
+from diffbot_core.shared_parameters import odometry_frame
 from diffbot_core.stamps import S_PER_NS, ForwardSteps, StampWatch
 from diffbot_core.uncertainty import Uncertainty
 

@@ -199,9 +199,9 @@ def write_text(path: Path, text: str, *, durable: bool = False, in_bag: bool = F
         part.write_text(text, encoding="utf-8")
 
 
-def write_json(path: Path, content: Any, indent: int = 1) -> None:
+def write_json(path: Path, content: Any) -> None:
     """Write JSON, with inf and nan as texts, because JSON cannot express them; see :func:`replacing`."""
-    write_text(path, json.dumps(_finite(content), indent=indent, allow_nan=False) + "\n")
+    write_text(path, json.dumps(_finite(content), indent=1, allow_nan=False) + "\n")
 
 
 def _finite(value: Any) -> Any:

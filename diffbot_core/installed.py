@@ -1,16 +1,14 @@
-"""Find installed plug-ins, and compute hashes of code and configurations to identify results."""
+"""Find plug-ins of installed packages, and hash the code of packages to identify results."""
 
 from __future__ import annotations
 
 import hashlib
 import importlib.metadata
 import importlib.util
-import json
 import platform
 from collections.abc import Iterable
 from importlib.metadata import EntryPoint
 from pathlib import Path
-from typing import Any
 
 from diffbot_core.errors import DiffbotError
 
@@ -64,26 +62,3 @@ def hash_of_code(packages: Iterable[str], libraries: Iterable[str] = ()) -> str:
             # The length separates the files: moving a line from one file to the next changes the hash.
             digest.update(f"{path.relative_to(folder.parent).as_posix()} {len(content)}\n".encode() + content)
     return digest.hexdigest()[:DIGITS]
-
-
-def hash_of_values(values: Iterable[Any]) -> str:
-    """Hash configurations, which are nested named tuples, mappings, sequences and arrays of plain values.
-
-    Floats are hashed exactly. Type names and field names of named tuples are hashed, too.
-    """
-    digest = hashlib.sha256()
-    for value in values:
-        digest.update(json.dumps(_canonical(value), sort_keys=True).encode() + b"\n")
-    return digest.hexdigest()[:DIGITS]
-
-
-def _canonical(value: Any) -> Any:
-    """Convert ``value`` to JSON types."""
-    if isinstance(value, tuple) and hasattr(value, "_fields"):
-        fields = {name: _canonical(one) for name, one in zip(value._fields, value, strict=True)}
-        return {type(value).__name__: fields}
-    if isinstance(value, dict):
-        return {name: _canonical(one) for name, one in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_canonical(one) for one in value]
-    return value.tolist() if hasattr(value, "tolist") else value

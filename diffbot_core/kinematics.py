@@ -20,6 +20,10 @@ class Twist(NamedTuple):
     """[rad/s] counter-clockwise"""
 
 
+STOP = Twist(0.0, 0.0)
+"""Command that stops the robot."""
+
+
 class TwistCovariance(NamedTuple):
     """Covariance of a measured twist. In a message, an all-zero covariance means *unknown*, not *exact*."""
 

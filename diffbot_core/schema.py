@@ -9,11 +9,6 @@ A configuration is a ``NamedTuple`` whose fields are annotated with a :class:`Sp
 ROS parameters (``ros.parameters``), YAML files, flags and the tables in docs/ are derived from it. A field whose type
 is a configuration is a group. The parameters of a group have no prefix; ``Spec.parameter`` sets a name
 that differs from the field's name, such as ``linear.x.max_velocity``.
-
-Compiled code cannot read texts. So an ``int`` field with ``choices`` holds the index of a word, while parameters and
-files contain the word::
-
-    kind: Annotated[int, Spec("how the radius is set", choices=("fixed", "covariance"))] = 1
 """
 
 from __future__ import annotations
@@ -87,7 +82,7 @@ class Spec(NamedTuple):
     allow_inf: bool = False
     """``inf`` is allowed and means no limit."""
     choices: tuple[str, ...] = ()
-    """Allowed words of a text; of an ``int`` field, the words whose index the field holds."""
+    """Allowed words of a text."""
     parameter: str = ""
     """Name of the ROS parameter, if it differs from the field's name."""
     read_only: bool = False
@@ -113,19 +108,9 @@ class Parameter(NamedTuple):
     path: tuple[str, ...]
     """Field names from the root of the configuration."""
     type: Any
-    """float, int, bool, str, tuple[float, ...] or tuple[str, ...]; str also for the index of a word."""
+    """float, int, bool, str, tuple[float, ...] or tuple[str, ...]"""
     default: Any
     spec: Spec
-    coded: bool = False
-    """True if the configuration holds the index of a word in ``spec.choices``."""
-
-    def encode(self, value: Any) -> Any:
-        """Convert a parameter's value to the field's value."""
-        return self.spec.choices.index(value) if self.coded else value
-
-    def decode(self, value: Any) -> Any:
-        """Convert the field's value to the parameter's value."""
-        return self.spec.choices[value] if self.coded else value
 
 
 def known_fields(config_type: type[C]) -> type[C]:
@@ -200,9 +185,7 @@ def _collect(config_type: type[Any], default: Any, path: tuple[str, ...], partia
         value = getattr(default, field)
         kind, spec = get_args(hint)[:2] if get_origin(hint) is Annotated else (hint, None)
         if isinstance(spec, Spec):
-            coded = kind is int and bool(spec.choices)
-            parameter = Parameter(spec.parameter or field, here, str if coded else kind, value, spec, coded)
-            found.append(parameter._replace(default=parameter.decode(value)))
+            found.append(Parameter(spec.parameter or field, here, kind, value, spec))
         elif hasattr(kind, "_fields"):
             found.extend(_collect(kind, value, here, partial or spec == PARTIAL))
         elif not partial:
@@ -224,7 +207,7 @@ def build(config_type: type[C], values: Mapping[str, Any], base: C | None = None
         if name not in parameters:
             raise InvalidValueError(name, value, known_name(name, parameters))
         parameter = parameters[name]
-        config = _replace(config, parameter.path, parameter.encode(checked(parameter, value)))
+        config = _replace(config, parameter.path, checked(parameter, value))
     _check_groups(config)
     return config  # type: ignore[no-any-return]
 
@@ -236,7 +219,7 @@ def to_dict(config: tuple[Any, ...]) -> dict[str, Any]:
         value: Any = config
         for field in parameter.path:
             value = getattr(value, field)
-        values[parameter.name] = parameter.decode(value)
+        values[parameter.name] = value
     return values
 
 

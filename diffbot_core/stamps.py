@@ -42,10 +42,6 @@ class StampWatch:
             self.newest, self._behind = stamp, None
         return False
 
-    def clear(self) -> None:
-        """Reset the watch."""
-        self.newest = self._behind = None
-
 
 class Lateness:
     """Measures how late the messages of one stream arrive.

@@ -10,7 +10,7 @@ import numpy as np
 from diffbot_control.filter.config import FilterConfig, LocalizationConfig, options_of
 from diffbot_control.law.configuration import SwitchingConfig
 from diffbot_control.law.law import Law
-from diffbot_control.law.presets import PRESETS
+from diffbot_control.law.registry import PRESETS
 from diffbot_control.law.switching import SwitchingLaw
 from diffbot_core.errors import InvalidValueError, known_name
 from diffbot_core.geometry import Pose

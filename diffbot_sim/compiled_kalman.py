@@ -10,26 +10,21 @@ from diffbot_control.filter import kalman
 
 
 def propagate(P: Any, F: Any, Q: Any) -> Any:
-    """Return F P F' + Q; all are (n, n)."""
-    return symmetric_product(F, P, Q)
-
-
-def symmetric_product(A: Any, P: Any, B: Any) -> Any:
-    """Return A P A' + B for A (m, n), a symmetric P (n, n) and B (m, m). Zeros in A are skipped."""
-    m, n = A.shape
-    AP, result = np.zeros((m, n)), B.copy()
-    for i in range(m):
+    """Return F P F' + Q; all are (n, n). Zeros in F are skipped."""
+    n = len(P)
+    FP, result = np.zeros((n, n)), Q.copy()
+    for i in range(n):
         for k in range(n):
-            a = A[i, k]
-            if a != 0.0:
+            f = F[i, k]
+            if f != 0.0:
                 for j in range(n):
-                    AP[i, j] += a * P[k, j]
-    for j in range(m):
+                    FP[i, j] += f * P[k, j]
+    for j in range(n):
         for k in range(n):
-            a = A[j, k]
-            if a != 0.0:
-                for i in range(m):
-                    result[i, j] += a * AP[i, k]
+            f = F[j, k]
+            if f != 0.0:
+                for i in range(n):
+                    result[i, j] += f * FP[i, k]
     return result
 
 

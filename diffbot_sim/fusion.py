@@ -22,6 +22,7 @@ from diffbot_control.filter.models import (
     LANDMARK,
     POSE_FIX,
     POSITION_FIX,
+    UNKNOWN_HEADING,
     WHEELS,
     Motion,
     Reading,
@@ -65,8 +66,6 @@ _USE_POSE, _HEADING, _USE_HEADING, _USE_LANDMARKS = range(8, 12)
 """Columns of a step: mean speeds of the encoders over the step that ends there [rad/s]; turn rate of the gyro over that
 step and its variance, inf without a gyro; measured pose, 1 if there is one; measured heading. Columns _USE_... are 1 if
 the filter fuses the measurement."""
-_UNKNOWN_HEADING = math.pi**2
-"""[rad^2] A heading with at least this variance counts as unknown."""
 _ORIGIN, _FIRST_END = 0, 1
 """Indices of ``RunBuffers.stamps``: stamp of the first pose, and end of the first odometry step; -1 until known."""
 
@@ -219,10 +218,10 @@ def fuse(buffers: RunBuffers, now: int) -> bool:
 def _start(filter_: FilterState, pose: Pose, sensors: SensorConfig) -> None:
     """Start the filter at the first pose. An unknown heading is set to 0."""
     P = _covariance(pose, sensors)
-    if P[2, 2] >= _UNKNOWN_HEADING:
+    if P[2, 2] >= UNKNOWN_HEADING:
         P[2, :] = 0.0
         P[:, 2] = 0.0
-        P[2, 2], pose = _UNKNOWN_HEADING, Pose(pose.x, pose.y, 0.0)
+        P[2, 2], pose = UNKNOWN_HEADING, Pose(pose.x, pose.y, 0.0)
     start(filter_, pose, P)
 
 
@@ -263,7 +262,7 @@ def _fuse_stamp(buffers: RunBuffers, stamp: int) -> None:
     no_landmark = Point(0.0, 0.0)
     if row[_USE_POSE] > 0.0:
         z, R, kind = row[_X : _THETA + 1].copy(), _covariance(pose_at(buffers, stamp), sensors), POSE_FIX
-        if R[2, 2] >= _UNKNOWN_HEADING:
+        if R[2, 2] >= UNKNOWN_HEADING:
             z, R, kind = z[:2].copy(), R[:2, :2].copy(), POSITION_FIX
         ekf.take(filter_, options, Reading(kind, _FIXES, _FIXES, time, z, R, no_landmark))
     if row[_USE_HEADING] > 0.0:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from diffbot_core.kinematics import Twist
+from diffbot_core.kinematics import STOP, Twist
 
 SETTLED_POLLS = 50
 """Polls in a row that must find the same connections: DDS reports a connection to its two ends at different times."""
@@ -23,7 +23,6 @@ _STEPS_PER_POLL = 5
 """Steps in one poll while the robot waits for its first fix."""
 NO_FILTER, NO_FIX, NO_COMMAND = "no filter", "no fix", "no command"
 """Events: no filter is connected; no fix arrived in MAX_STEPS_WITHOUT_FIX steps; the controller did not answer."""
-_STOP = Twist(0.0, 0.0)
 
 
 class Plant(Protocol):
@@ -100,7 +99,7 @@ class LockStep:
             self.unanswered += 1
             self._stalls = True
             self._plant.report(NO_COMMAND)
-            self._answer = _STOP
+            self._answer = STOP
             self._advance_if_answered()
 
     def set_paused(self, paused: bool) -> None:
@@ -125,7 +124,7 @@ class LockStep:
             if self._plant.awaits_first_fix():
                 if self._plant.step < MAX_STEPS_WITHOUT_FIX:
                     self._plant.publish_truth()
-                    self._plant.advance(_STOP)
+                    self._plant.advance(STOP)
                     continue
                 self._plant.report(NO_FIX)
             self.is_started = True

@@ -60,9 +60,9 @@ class NoiseSource:
         return row
 
 
-def quiet_noise(steps: int, landmarks: int) -> Array:
-    """Return noise (purposes, steps, 4) in which every number is 0.5, so all uniform errors are zero."""
-    return np.full((LANDMARKS + (landmarks + 1) // 2, steps, 4), 0.5)
+def quiet_noise(landmarks: int) -> Array:
+    """Return noise (purposes, 1, 4) of one step in which every number is 0.5, so all uniform errors are zero."""
+    return np.full((LANDMARKS + (landmarks + 1) // 2, 1, 4), 0.5)
 
 
 def uniform(number: float, bound: float) -> float:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, NamedTuple
 
-from diffbot_control.ros.frames import PREFIX_TEXT
 from diffbot_core.endpoints import AUTO, TYPE_WORDS
-from diffbot_core.parameter_groups import CommandSourceConfig, FaultConfig
 from diffbot_core.schema import Spec
+from diffbot_core.shared_parameters import PREFIX_TEXT, CommandSourceConfig, FaultConfig
 from diffbot_sim.config import WorldConfig
 
 WALL, SCALED, LOCKSTEP = "wall", "scaled", "lockstep"

@@ -14,14 +14,14 @@ from std_srvs.srv import SetBool, Trigger
 from diffbot_control.ros.messages.fields import stamp_ns, twist_from
 from diffbot_core.endpoints import AUTO, TWIST_STAMPED, TYPE_WORDS
 from diffbot_core.errors import InvalidValueError
-from diffbot_core.kinematics import Twist
+from diffbot_core.kinematics import STOP, Twist
 from diffbot_core.ros.node import DiffbotNode
 from diffbot_core.ros.run import run
 from diffbot_core.stamps import NS_PER_S
 from diffbot_sim.lockstep import MAX_STEPS_WITHOUT_FIX, NO_COMMAND, NO_FILTER, NO_FIX, LockStep
 from diffbot_sim.parameters import LOCKSTEP, WALL, PlantNodeConfig
-from diffbot_sim.simulation import Arrivals, World
 from diffbot_sim.topics import PlantTopics
+from diffbot_sim.world import Arrivals, World
 
 _POLL_PERIOD, _STALL_PERIOD = 0.02, 1.0
 """[s] periods of the timers of the lock-step: polls before the first step, and checks for a missing answer"""
@@ -30,7 +30,6 @@ _MAX_STEPS_AT_ONCE = 5
 clock ``scaled`` skips them."""
 _EARLY = 0.1
 """Share of the period by which a timer may fire early. Otherwise jitter would postpone a step by a whole period."""
-_STOP = Twist(0.0, 0.0)
 
 
 class PlantNode(DiffbotNode[PlantNodeConfig]):
@@ -52,7 +51,7 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
             )
             raise InvalidValueError("cmd_vel_type", word, text)
         self.paused, self._started = config.start_paused, False
-        self._command, self._command_step, self._skipped = _STOP, 0, 0
+        self._command, self._command_step, self._skipped = STOP, 0, 0
         self.world = World(config.world, round(config.start_time * NS_PER_S) or time.time_ns())
         self._arrivals: Arrivals | None = None
         self._topics = PlantTopics(self)
@@ -85,7 +84,7 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
 
     def halt(self) -> None:
         """Stop until the next command."""
-        self._command = _STOP
+        self._command = STOP
 
     def _warn_of_idle_rates(self) -> None:
         """Warn if landmark_rate is set but the map has no landmarks."""
@@ -200,7 +199,7 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
         for _ in range(count):
             plant = self.config.world.plant
             silence = (self.step - self._command_step) * plant.sampling_time
-            self.advance(self._command if silence < plant.cmd_vel_timeout else _STOP)
+            self.advance(self._command if silence < plant.cmd_vel_timeout else STOP)
             self.publish()
 
     def _catch_up_with_wall_time(self) -> None:
@@ -212,7 +211,7 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
         # The clock is not reset, since nodes do not expect time to jump backwards.
         self.world = World(self.config.world, self.world.stamp + self.world.period)
         self._arrivals = None
-        self._command, self._command_step = _STOP, 0
+        self._command, self._command_step = STOP, 0
         self.health.reset()
         if self._lockstep is not None:
             self._lockstep.reset()

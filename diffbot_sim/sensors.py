@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from diffbot_control.filter.dock import FixNoise, noise_at_dock, robot_at_dock
+from diffbot_control.filter.dock import robot_at_dock
 from diffbot_core.geometry import Pose, into_frame, range_and_bearing, wrap_angle
 from diffbot_sim.config import DetectorConfig, SensorConfig, dock_pose
 from diffbot_sim.noise import DETECTION, DETECTION_FAULT, FIX, FIX_FAULT, FURTHER, LANDMARKS, MOTION, uniform
@@ -48,6 +48,17 @@ class Fix(NamedTuple):
     errors: FixErrors
     lost: bool
     """True if the fix does not arrive"""
+
+
+class FixNoise(NamedTuple):
+    """Covariance of a pose: upper triangle of the (3, 3) matrix of x, y [m], theta [rad]."""
+
+    xx: float
+    xy: float
+    yy: float
+    xt: float
+    yt: float
+    tt: float
 
 
 class Detection(NamedTuple):
@@ -219,10 +230,31 @@ def measured_pose(pose: Pose, before: FixErrors, noise: Any, config: SensorConfi
     return Fix(robot_at_dock(found.pose), before, found.lost)
 
 
+def _noise_at_dock(robot: Pose, var_position: float, var_heading: float) -> FixNoise:
+    """Return the covariance of :func:`robot_at_dock` to first order, as :meth:`DockedPose.covariance` computes it.
+
+    An error of the measured heading rotates the robot about the dock, so the position error grows with the distance.
+
+    Args:
+        robot: pose of the robot in the frame of the dock.
+        var_position: variance of the measured x and of the measured y, which are independent [m^2].
+        var_heading: variance of the measured heading [rad^2].
+    """
+    x, y = robot.x, robot.y
+    return FixNoise(
+        var_position + var_heading * y * y,
+        -var_heading * x * y,
+        var_position + var_heading * x * x,
+        -var_heading * y,
+        var_heading * x,
+        var_heading,
+    )
+
+
 def claimed_noise(measured: Pose, config: SensorConfig) -> FixNoise:
     """Return the covariance that the sensor claims for a pose of :func:`measured_pose`."""
     if config.detector.detection_rate > 0.0:
         sigma, yaw_sigma = detection_deviations(measured)
-        return noise_at_dock(measured, sigma * sigma, yaw_sigma * yaw_sigma)
+        return _noise_at_dock(measured, sigma * sigma, yaw_sigma * yaw_sigma)
     var_x, var_y, var_theta = fix_variances(config)
     return FixNoise(var_x, 0.0, var_y, 0.0, 0.0, var_theta)

@@ -11,7 +11,6 @@ from sensor_msgs.msg import Imu, JointState, PointCloud2, PointField
 from std_msgs.msg import Bool
 
 from diffbot_control.filter.measurement import GyroSample
-from diffbot_control.ros.frames import odometry_frame, robot_frame
 from diffbot_control.ros.messages.conversions import TFMessage, odometry_message, pose_message, transform_message
 from diffbot_control.ros.messages.fields import (
     fill_planar_covariance,
@@ -27,8 +26,9 @@ from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.ros.node import DiffbotNode
 from diffbot_core.ros.qos import QUEUE, TRANSFORMS
+from diffbot_core.shared_parameters import odometry_frame, robot_frame
 from diffbot_sim.parameters import WALL, PlantNodeConfig
-from diffbot_sim.simulation import Arrivals, HeadingReading, LandmarkReading, PoseReading, World
+from diffbot_sim.world import Arrivals, HeadingReading, LandmarkReading, PoseReading, World
 
 
 class PlantTopics:

@@ -9,7 +9,7 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from diffbot_control.law.presets import PRESETS
+from diffbot_control.law.registry import PRESETS
 from diffbot_control.ros.parameters.controller import ControllerNodeConfig
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.errors import DiffbotError, InvalidValueError

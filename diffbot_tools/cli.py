@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from diffbot_bag.parameters import ReplayConfig
-from diffbot_control.law.presets import PRESETS, TUNED
+from diffbot_control.law.registry import PRESETS, TUNED
 from diffbot_core.errors import DiffbotError
 from diffbot_core.installed import DISTRIBUTION, entry_points_by_name
 from diffbot_core.launcher import end_on_signals

@@ -18,7 +18,7 @@ from tqdm import tqdm
 
 from diffbot_control.goals.record import REACHED
 from diffbot_control.law.goal_checker import GoalTolerance
-from diffbot_control.law.presets import PRESETS, TUNED
+from diffbot_control.law.registry import PRESETS, TUNED
 from diffbot_core.errors import DiffbotError
 from diffbot_core.files import is_bag_folder, output_folder, write_json
 from diffbot_core.geometry import Pose
@@ -284,7 +284,7 @@ def _evaluate(options: DemoOptions, folder: Path, began: float) -> int:
     (robot,) = run.robots
     reason = _reason(robot.outcomes, options)
     wall = time.monotonic() - began
-    write_json(folder / "summary.json", _summary(options, run, reason, wall), indent=2)
+    write_json(folder / "summary.json", _summary(options, run, reason, wall))
     _draw_run(robot, f"diffbot demo: preset {options.preset}, EKF in the loop", folder / "path.png")
     print(_table(robot.outcomes))
     print(f"{run.messages} messages recorded, {run.lost or 0} lost; {_duration(robot):.1f} s simulated in {wall:.1f} s")

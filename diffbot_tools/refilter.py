@@ -23,7 +23,6 @@ from diffbot_control.filter.localization import FilterEstimate, Localization
 from diffbot_control.filter.measurement import Measurement
 from diffbot_control.filter.models import is_defined
 from diffbot_control.filter.odometry import OdometryStep
-from diffbot_control.ros.frames import robot_frame
 from diffbot_control.ros.messages.ekf import EkfInputs
 from diffbot_control.ros.messages.fields import (
     fill_planar_covariance,
@@ -40,6 +39,7 @@ from diffbot_core.errors import BadMessageError, DiffbotError, shown
 from diffbot_core.files import read_text
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
+from diffbot_core.shared_parameters import robot_frame
 from diffbot_core.stamps import S_PER_NS
 from diffbot_core.yaml_files import MAX_BYTES
 from diffbot_tools.figures import (

@@ -10,7 +10,8 @@ from diffbot_control.filter.config import LocalizationConfig
 from diffbot_control.goals import SupervisorConfig
 from diffbot_control.law.goal_checker import GoalTolerance
 from diffbot_control.law.law import Law
-from diffbot_control.ros.parameters.controller import law_of, parameter_set_of
+from diffbot_control.law.registry import resolve_law
+from diffbot_control.ros.parameters.controller import parameter_set_of
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.errors import DiffbotError, InvalidValueError, known_name
@@ -59,7 +60,7 @@ class RobotConfig(NamedTuple):
     @property
     def law(self) -> type[Law]:
         """Law that drives the robot."""
-        return law_of(self.controller.law)
+        return resolve_law(self.controller.law)
 
     def parts(
         self, seed: int = 1, start: StartPose | None = None

@@ -13,9 +13,8 @@ from fnmatch import fnmatchcase
 from typing import Any, NamedTuple
 
 from diffbot_bag.parameters import RecorderConfig, ReplayConfig
-from diffbot_control.law.configuration import PaperConfig
-from diffbot_control.law.docking_axis import DockingConfig
-from diffbot_control.law.presets import PAPER, TUNED
+from diffbot_control.law.configuration import DockingConfig, PaperConfig
+from diffbot_control.law.registry import PAPER, TUNED
 from diffbot_control.ros.parameters.controller import CONTROLLER_PRESETS, ControllerNodeConfig
 from diffbot_control.ros.parameters.dock import DockDetection
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig

@@ -16,41 +16,9 @@ from numpy.typing import NDArray
 from diffbot_core.geometry import Pose, into_frame, out_of_frame
 
 
-class FixNoise(NamedTuple):
-    """Covariance of a pose: upper triangle of the (3, 3) matrix of x, y [m], theta [rad]."""
-
-    xx: float
-    xy: float
-    yy: float
-    xt: float
-    yt: float
-    tt: float
-
-
 def robot_at_dock(detected: Pose) -> Pose:
     """Return the pose of the robot in the frame of the dock, given the pose of the dock in the frame of the robot."""
     return into_frame(Pose(0.0, 0.0, 0.0), detected)
-
-
-def noise_at_dock(robot: Pose, var_position: float, var_heading: float) -> FixNoise:
-    """Return the covariance of :func:`robot_at_dock` to first order.
-
-    An error of the measured heading rotates the robot about the dock, so the position error grows with the distance.
-
-    Args:
-        robot: pose of the robot in the frame of the dock.
-        var_position: variance of the measured x and of the measured y, which are independent [m^2].
-        var_heading: variance of the measured heading [rad^2].
-    """
-    x, y = robot.x, robot.y
-    return FixNoise(
-        var_position + var_heading * y * y,
-        -var_heading * x * y,
-        var_position + var_heading * x * x,
-        -var_heading * y,
-        var_heading * x,
-        var_heading,
-    )
 
 
 class DockedPose(NamedTuple):

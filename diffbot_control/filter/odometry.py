@@ -35,25 +35,13 @@ class OdometryStep(NamedTuple):
 
 
 @known_fields
-class OdometryConfig(NamedTuple):
-    """Noise and dead time of the odometry.
+class Densities(NamedTuple):
+    """Noise densities of the odometry.
 
     alpha1 to alpha3 are named as in AMCL, but are variances per radian or metre. AMCL multiplies by the *square* of the
     distance between two updates, so its noise depends on the rate of the updates.
     """
 
-    odometry_noise: Annotated[
-        str,
-        Spec(
-            "noise of the odometry. message: the covariance of each message, with independent errors; "
-            "motion: alpha1 .. density_theta. Messages without covariance always use motion",
-            choices=(MESSAGE, MOTION),
-        ),
-    ] = MESSAGE
-    odometry_covariance_scale: Annotated[
-        float,
-        Spec("factor on the covariance of each odometry message", minimum=1e-6, maximum=1e6),
-    ] = 1.0
     alpha1: Annotated[
         float, Spec("variance of the heading per radian turned", "rad^2/rad", minimum=0.0, maximum=_MAX_DENSITY)
     ] = 0.012
@@ -70,6 +58,25 @@ class OdometryConfig(NamedTuple):
     density_theta: Annotated[
         float, Spec("variance of the heading per second", "rad^2/s", minimum=1e-12, maximum=_MAX_DENSITY)
     ] = 1e-4
+
+
+@known_fields
+class OdometryConfig(NamedTuple):
+    """Noise and dead time of the odometry."""
+
+    odometry_noise: Annotated[
+        str,
+        Spec(
+            "noise of the odometry. message: the covariance of each message, with independent errors; "
+            "motion: alpha1 .. density_theta. Messages without covariance always use motion",
+            choices=(MESSAGE, MOTION),
+        ),
+    ] = MESSAGE
+    odometry_covariance_scale: Annotated[
+        float,
+        Spec("factor on the covariance of each odometry message", minimum=1e-6, maximum=1e6),
+    ] = 1.0
+    densities: Densities = Densities()
     odometry_delay: Annotated[
         float,
         Spec(
@@ -79,21 +86,6 @@ class OdometryConfig(NamedTuple):
             maximum=2.0,
         ),
     ] = 0.0
-
-
-class Densities(NamedTuple):
-    """Noise densities, see :class:`OdometryConfig`."""
-
-    alpha1: float
-    alpha2: float
-    alpha3: float
-    density_xy: float
-    density_theta: float
-
-
-def densities_of(config: OdometryConfig) -> Densities:
-    """Return the densities of a configuration."""
-    return Densities(config.alpha1, config.alpha2, config.alpha3, config.density_xy, config.density_theta)
 
 
 def motion_noise(twist: Twist, dt: float, densities: Densities) -> tuple[TwistCovariance, float]:
@@ -129,7 +121,7 @@ def step_noise(
         return covariance, covariance.var_v * dt * dt
     if config.odometry_noise == MESSAGE and any(odometry.covariance):
         return scale_twist_covariance(odometry.covariance, config.odometry_covariance_scale * share), 0.0
-    return motion_noise(odometry.twist, dt, densities_of(config))
+    return motion_noise(odometry.twist, dt, config.densities)
 
 
 def unknown_motion(start: int, end: int, before: Twist, after: Twist) -> OdometryStep:

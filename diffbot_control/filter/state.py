@@ -84,7 +84,7 @@ class FilterState(NamedTuple):
     """(sources + landmarks, SHIFT + n) newest measurement of each source and landmark"""
 
 
-def new_filter(options: Options, landmarks: int = 0) -> FilterState:
+def new_filter(options: Options, landmarks: int) -> FilterState:
     """Return a reset filter for a map with this number of landmarks; call :func:`start` next."""
     n, sources = options.size, len(options.times)
     shapes = (n,), (n, n), (n,), (n, n), (6,), (2,), (n,), (sources, noise.COLUMNS), (sources + landmarks, SHIFT + n)

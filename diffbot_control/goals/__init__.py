@@ -11,20 +11,16 @@ A :class:`Supervisor` turns goals, poses and the passing of time into commands::
 The table in :mod:`diffbot_control.goals.states` defines the effects of all events.
 """
 
-from diffbot_control.goals.record import ENDS, GoalBook, GoalRecord, GoalRequest, goal_id
+from diffbot_control.goals.record import ENDS, GoalRequest, goal_id
 from diffbot_control.goals.states import STATUS_TEXTS, TABLE, GoalEvent, State
 from diffbot_control.goals.supervisor import Supervisor, SupervisorConfig
-from diffbot_control.law.law import LawError
 
 __all__ = [
     "ENDS",
     "STATUS_TEXTS",
     "TABLE",
-    "GoalBook",
     "GoalEvent",
-    "GoalRecord",
     "GoalRequest",
-    "LawError",
     "State",
     "Supervisor",
     "SupervisorConfig",

@@ -6,20 +6,21 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Sequence
+from itertools import takewhile
 from typing import Annotated, Any, NamedTuple
 
 from diffbot_control.goals import states
-from diffbot_control.goals.path import distance_along, goals_passed
 from diffbot_control.goals.record import ANONYMOUS, REACHED, SUSPENSION, GoalBook, GoalRequest
 from diffbot_control.goals.states import TABLE, WITH_GOAL, GoalEvent, Reaction, State
 from diffbot_control.goals.timing import MAX_STEP, GoalGuard, PoseClock, RemainingPath
 from diffbot_control.law import CONTACT_UNKNOWN, OMEGA_L, Law, Observation, Report, SwitchingConfig, SwitchingLaw
 from diffbot_control.law.goal_checker import is_at_rest, is_knowable, smallest_tolerance
-from diffbot_control.law.law import STOP, LawError, braking_step, errors_of, guarded_step
+from diffbot_control.law.law import LawError, braking_step, errors_of, guarded_step
 from diffbot_control.law.limits import is_beyond
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose, wrap_angle
-from diffbot_core.kinematics import Twist
+from diffbot_core.kinematics import STOP, Twist
 from diffbot_core.schema import DISTANCE, TIME, TIMEOUT, Spec, known_fields
 from diffbot_core.uncertainty import CERTAIN, Estimate, Uncertainty
 
@@ -169,7 +170,7 @@ class Supervisor:
 
     def distance_remaining(self) -> float:
         """Return the length [m] of the straight lines through all remaining goals; 0 without a goal."""
-        return 0.0 if self.pose is None else distance_along(self.pose, self.goals_ahead)
+        return 0.0 if self.pose is None else _distance_along(self.pose, self.goals_ahead)
 
     @property
     def is_beyond_limits(self) -> bool:
@@ -340,7 +341,7 @@ class Supervisor:
     def _command_for(self, command: Reaction, dt: float) -> Twist | None:
         if command is Reaction.LAW:
             if self.state is State.DRIVING and self.pose is not None:
-                self._skip_goals(goals_passed(self.pose, self.goals_ahead, self.config.waypoint_radius))
+                self._skip_goals(_goals_passed(self.pose, self.goals_ahead, self.config.waypoint_radius))
             # There is no goal if the law has just raised an error for the next goal of the path.
             return self._brake(dt) if self.goal is None else self._take_step(self.goal, dt)
         if command is Reaction.BRAKE:
@@ -359,7 +360,7 @@ class Supervisor:
         self.waypoint, self.waypoints, self.updates = waypoint, waypoints, 0
         self._waits, self.is_stale, self.reason, self.has_failed = True, False, "", False
         self._since_step = 0.0
-        distance, is_known = distance_along(self.pose or goals[0], goals), self.pose is not None
+        distance, is_known = _distance_along(self.pose or goals[0], goals), self.pose is not None
         self._guard.accept(self.config.goal_timeout, distance, len(goals), self.data_sheet, is_known, is_replanned)
         self._begin_goal()
 
@@ -451,3 +452,18 @@ class Supervisor:
         if self.state not in WITH_GOAL:
             self._zeros_due = max(self._zeros_due - 1, 0)
         return STOP
+
+
+def _distance_along(pose: Pose, goals: Iterable[Pose]) -> float:
+    """Return the length [m] of the straight lines from ``pose`` through all ``goals``."""
+    length, last = 0.0, pose
+    for goal in goals:
+        length += math.hypot(goal.x - last.x, goal.y - last.y)
+        last = goal
+    return length
+
+
+def _goals_passed(pose: Pose, goals: Sequence[Pose], radius: float) -> int:
+    """Return how many goals, from the first on, are within ``radius`` [m] of a pose; the last goal never counts."""
+    near = takewhile(lambda one: math.hypot(one.x - pose.x, one.y - pose.y) < radius, goals[:-1])
+    return sum(1 for _ in near)

@@ -35,6 +35,8 @@ _MIN_PROGRESS, _MIN_SHARE = 0.05, 0.02
 this share."""
 _JUMP = 0.5
 """[m] If the estimate jumps away from the goal by more than this, restart the progress timer."""
+_MIN_COVERED = 0.05
+"""share of the distance that the robot must cover before its mean speed so far is used"""
 _SLOWEST = 1e-3
 """[m/s], [rad/s] a robot with a lower speed limit counts as one that must not move"""
 _LONGEST, _ROUNDING = 1e6, 1e-6
@@ -120,7 +122,7 @@ class PoseClock:
         """Record that zero was sent: the next step starts from rest, without time to accelerate."""
         self._is_halted = True
 
-    def is_overdue(self, timeout: float, in_real_time: bool = True) -> bool:
+    def is_overdue(self, timeout: float, in_real_time: bool) -> bool:
         """Return True if the last pose is older than ``timeout`` [s]; False before the first pose.
 
         Args:
@@ -188,6 +190,21 @@ def _least_progress(best: float) -> float:
     return max(_MIN_PROGRESS, _MIN_SHARE * best)
 
 
+def time_remaining(distance: float, first_distance: float, elapsed: float, max_speed: float) -> float:
+    """Estimate the time [s] to the goal from the mean speed so far, or initially from the speed limit.
+
+    Args:
+        distance: [m] remaining distance.
+        first_distance: [m] remaining distance when the goal was accepted.
+        elapsed: [s] since the goal was accepted.
+        max_speed: [m/s] speed limit; may be infinite, or 0 for a robot that must not move.
+    """
+    covered = first_distance - distance
+    if covered > _MIN_COVERED * first_distance and elapsed > 0.0:
+        return distance * elapsed / covered
+    return distance / max_speed if max_speed > 0.0 else math.inf
+
+
 class GoalGuard:
     """Decides when to give up a goal: after its timeout, without progress, or at rest near the goal."""
 
@@ -211,7 +228,7 @@ class GoalGuard:
         """[s] time without progress, and time at rest near the last goal"""
 
     def accept(
-        self, option: float, distance: float, goals: int, sheet: DataSheet, is_final: bool, is_replanned: bool = False
+        self, option: float, distance: float, goals: int, sheet: DataSheet, is_final: bool, is_replanned: bool
     ) -> None:
         """Start with a new goal or path.
 

@@ -13,15 +13,15 @@ One step of this project's law, with its memory as argument and result::
 """
 
 from diffbot_control.law.configuration import PaperConfig, PaperGains, SwitchingConfig
-from diffbot_control.law.goal_checker import GoalTolerance, is_knowable, within
+from diffbot_control.law.goal_checker import GoalTolerance, within
 from diffbot_control.law.latency import coast
 from diffbot_control.law.law import CONTACT, CONTACT_UNKNOWN, NO_CONTACT, Law, Observation, Report
 from diffbot_control.law.limits import limit_acceleration, limit_change, limit_velocity
 from diffbot_control.law.paper import PaperLaw
-from diffbot_control.law.presets import PAPER, PRECISE, PRESETS, TUNED, Preset
 from diffbot_control.law.regions import OMEGA_G, OMEGA_L
+from diffbot_control.law.registry import PRESETS
 from diffbot_control.law.steering import Navigation, navigation_variables
-from diffbot_control.law.switching import SwitchingLaw, SwitchingMemory, new_memory, step
+from diffbot_control.law.switching import SwitchingLaw, new_memory, step
 
 __all__ = [
     "CONTACT",
@@ -29,10 +29,7 @@ __all__ = [
     "NO_CONTACT",
     "OMEGA_G",
     "OMEGA_L",
-    "PAPER",
-    "PRECISE",
     "PRESETS",
-    "TUNED",
     "GoalTolerance",
     "Law",
     "Navigation",
@@ -40,13 +37,10 @@ __all__ = [
     "PaperConfig",
     "PaperGains",
     "PaperLaw",
-    "Preset",
     "Report",
     "SwitchingConfig",
     "SwitchingLaw",
-    "SwitchingMemory",
     "coast",
-    "is_knowable",
     "limit_acceleration",
     "limit_change",
     "limit_velocity",

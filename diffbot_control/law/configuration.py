@@ -1,4 +1,4 @@
-"""Parameters of the laws ``switching`` and ``paper``."""
+"""Parameters of the laws ``switching``, ``docking`` and ``paper``."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated, NamedTuple
 from diffbot_control.law.goal_checker import GoalTolerance
 from diffbot_core.data_sheet import PAPER_DATA_SHEET, DataSheet
 from diffbot_core.errors import InvalidValueError
-from diffbot_core.schema import DISTANCE, GAIN, SPEED, Spec, known_fields
+from diffbot_core.schema import ANGLE, DISTANCE, GAIN, LENGTH, SPEED, Spec, known_fields
 
 _ALLOW_BACKWARD = Spec("reverse towards a goal behind the robot; otherwise turn on the spot until the goal is in front")
 
@@ -30,6 +30,40 @@ class SwitchingConfig(NamedTuple):
             10.0,
         ),
     ] = 0.03
+
+
+@known_fields
+class DockingConfig(NamedTuple):
+    """Parameters of docking; ``drive`` is the configuration of the law that drives to the staging pose.
+
+    ``allow_backward`` applies to this drive alone: the robot always leaves the dock along the axis, without turning.
+    """
+
+    dock_backward: Annotated[bool, Spec("true: the robot docks with its back")] = False
+    staging_distance: Annotated[float, Spec("distance of the staging pose from the docked pose", "m", *LENGTH)] = 0.7
+    commit_distance: Annotated[
+        float,
+        Spec(
+            "distance from the docked pose that the robot passes only if it will dock within the tolerances",
+            "m",
+            0.0,
+            10.0,
+        ),
+    ] = 0.33
+    dock_speed: Annotated[float, Spec("speed along the axis", "m/s", *SPEED)] = 0.12
+    contact_speed: Annotated[float, Spec("speed at contact", "m/s", *SPEED)] = 0.08
+    press_distance: Annotated[
+        float,
+        Spec("largest distance that the robot drives beyond the docked pose to find contact", "m", 0.0, 1.0),
+    ] = 0.03
+    dock_xy_tolerance: Annotated[
+        float, Spec("largest lateral error at contact, including 2.6 standard deviations", "m", *LENGTH)
+    ] = 0.02
+    dock_yaw_tolerance: Annotated[
+        float, Spec("largest heading error at contact, including 2.6 standard deviations", "rad", *ANGLE)
+    ] = 0.013
+    dock_tries: Annotated[int, Spec("number of approaches before the robot gives up", minimum=1, maximum=100)] = 3
+    drive: SwitchingConfig = SwitchingConfig()
 
 
 @known_fields

@@ -10,12 +10,12 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
+from diffbot_control.law.configuration import DockingConfig
 from diffbot_control.law.docking_axis import (
     APPROACH_LENGTH,
     CORRIDOR,
     STRAIGHT_LENGTH,
     ContactError,
-    DockingConfig,
     along_axis,
     axis_lyapunov,
     contact_error,

@@ -15,13 +15,12 @@ contact from the pose. If the robot docks with its back, the frame is turned by 
 from __future__ import annotations
 
 import math
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
-from diffbot_control.law.configuration import SwitchingConfig
+from diffbot_control.law.configuration import DockingConfig
 from diffbot_control.law.steering import sinc
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
-from diffbot_core.schema import ANGLE, LENGTH, SPEED, Spec, known_fields
 from diffbot_core.uncertainty import Uncertainty
 
 MAX_UNCERTAINTY = 0.1
@@ -34,40 +33,6 @@ STRAIGHT_LENGTH = 0.05
 """[m] distance before contact within which the robot does not steer"""
 _SIGMAS = 2.6
 """The robot commits if the predicted error plus this number of standard deviations is within the tolerances."""
-
-
-@known_fields
-class DockingConfig(NamedTuple):
-    """Parameters of docking; ``drive`` is the configuration of the law that drives to the staging pose.
-
-    ``allow_backward`` applies to this drive alone: the robot always leaves the dock along the axis, without turning.
-    """
-
-    dock_backward: Annotated[bool, Spec("true: the robot docks with its back")] = False
-    staging_distance: Annotated[float, Spec("distance of the staging pose from the docked pose", "m", *LENGTH)] = 0.7
-    commit_distance: Annotated[
-        float,
-        Spec(
-            "distance from the docked pose that the robot passes only if it will dock within the tolerances",
-            "m",
-            0.0,
-            10.0,
-        ),
-    ] = 0.33
-    dock_speed: Annotated[float, Spec("speed along the axis", "m/s", *SPEED)] = 0.12
-    contact_speed: Annotated[float, Spec("speed at contact", "m/s", *SPEED)] = 0.08
-    press_distance: Annotated[
-        float,
-        Spec("largest distance that the robot drives beyond the docked pose to find contact", "m", 0.0, 1.0),
-    ] = 0.03
-    dock_xy_tolerance: Annotated[
-        float, Spec("largest lateral error at contact, including 2.6 standard deviations", "m", *LENGTH)
-    ] = 0.02
-    dock_yaw_tolerance: Annotated[
-        float, Spec("largest heading error at contact, including 2.6 standard deviations", "rad", *ANGLE)
-    ] = 0.013
-    dock_tries: Annotated[int, Spec("number of approaches before the robot gives up", minimum=1, maximum=100)] = 3
-    drive: SwitchingConfig = SwitchingConfig()
 
 
 class ContactError(NamedTuple):

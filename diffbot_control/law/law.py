@@ -33,7 +33,6 @@ from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import Estimate
 
-STOP = Twist(0.0, 0.0)
 CONTACT_UNKNOWN, NO_CONTACT, CONTACT = -1, 0, 1
 """Contact with the dock. CONTACT_UNKNOWN: no switch reports. NO_CONTACT: the switch is open. CONTACT: the switch is
 closed, or a charger supplies the robot."""

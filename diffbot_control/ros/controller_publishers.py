@@ -19,7 +19,6 @@ from diffbot_control.goals.record import GoalBook, GoalRecord
 from diffbot_control.goals.supervisor import Supervisor
 from diffbot_control.law.goal_checker import smallest_tolerance
 from diffbot_control.law.regions import REGION_NAMES
-from diffbot_control.ros.frames import robot_frame
 from diffbot_control.ros.messages.fields import fill_twist, set_stamp
 from diffbot_core.endpoints import (
     AUTO,
@@ -33,10 +32,11 @@ from diffbot_core.endpoints import (
 )
 from diffbot_core.health import Throttle
 from diffbot_core.kinematics import Twist
+from diffbot_core.ros.graph import bases_elsewhere, publishers_of, subscriptions_of
 from diffbot_core.ros.managed_node import INACTIVE, ManagedNode
 from diffbot_core.ros.node import status_message
 from diffbot_core.ros.qos import LATCHED, QUEUE, STATUS, deliver
-from diffbot_core.ros.watches import bases_elsewhere, publishers_of, subscriptions_of
+from diffbot_core.shared_parameters import robot_frame
 from diffbot_core.stamps import NS_PER_S
 
 if TYPE_CHECKING:

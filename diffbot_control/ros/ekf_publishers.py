@@ -8,7 +8,6 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 
 from diffbot_control.filter.localization import FilterEstimate
-from diffbot_control.ros.frames import robot_frame
 from diffbot_control.ros.messages.conversions import odometry_message, pose_message
 from diffbot_control.ros.messages.fields import (
     fill_planar_covariance,
@@ -20,6 +19,7 @@ from diffbot_control.ros.messages.fields import (
 from diffbot_core.kinematics import Twist, TwistCovariance
 from diffbot_core.ros.managed_node import ManagedNode
 from diffbot_core.ros.qos import QUEUE
+from diffbot_core.shared_parameters import robot_frame
 
 if TYPE_CHECKING:
     from diffbot_control.ros.parameters.ekf import EkfNodeConfig

@@ -21,7 +21,6 @@ from diffbot_control.filter.covariance import UnknownCovarianceError, check_cova
 from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.measurement import FIXES, GyroSample, Measurement, heading, landmark, pose_fix
 from diffbot_control.filter.models import Array
-from diffbot_control.ros.frames import robot_frame
 from diffbot_control.ros.messages.fields import (
     MAX_SPEED,
     check_frame,
@@ -45,6 +44,7 @@ from diffbot_control.ros.transforms import (
 )
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose
+from diffbot_core.shared_parameters import robot_frame
 from diffbot_core.stamps import S_PER_NS
 
 POSE_MESSAGE = "geometry_msgs/msg/PoseWithCovarianceStamped"

@@ -7,7 +7,7 @@ and diagnostics only. An *inactive* node receives messages but does not act. An 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -33,9 +33,7 @@ class ManagedNode(LifecycleNodeMixin, DiffbotNode[C]):  # type: ignore[misc]
     them after :meth:`cleanup`. The configuration of the node has the fields of LifecycleConfig.
     """
 
-    def __init__(
-        self, name: str, config_type: type[C], presets: Mapping[str, C] | None = None, **node_options: Any
-    ) -> None:
+    def __init__(self, name: str, config_type: type[C], **node_options: Any) -> None:
         """Create the node; arguments as for :class:`DiffbotNode`.
 
         Raises:
@@ -44,7 +42,7 @@ class ManagedNode(LifecycleNodeMixin, DiffbotNode[C]):  # type: ignore[misc]
         self.is_active = self.is_configured = False
         self._failure: DiffbotError | None = None
         """why the newest transition failed; None if it succeeded"""
-        DiffbotNode.__init__(self, name, config_type, presets, **node_options)
+        DiffbotNode.__init__(self, name, config_type, **node_options)
         LifecycleNodeMixin.__init__(self)
         self._guard_requests()
         self._permanent_entities = self._entities()

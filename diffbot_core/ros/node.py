@@ -19,16 +19,10 @@ from rclpy.qos import QoSProfile
 from diffbot_core.endpoints import input_problem
 from diffbot_core.errors import BadMessageError, DiffbotError
 from diffbot_core.health import DROP_MEMORY, Health
+from diffbot_core.ros.graph import published_elsewhere, publishers_of, subscriptions_of
 from diffbot_core.ros.parameters import CheckedParameters, overrides_of
 from diffbot_core.ros.qos import PUBLISHER, QUEUE, SUBSCRIPTION, overridable
-from diffbot_core.ros.watches import (
-    CLOCK_TOPIC,
-    ClockWatch,
-    PublisherWatch,
-    published_elsewhere,
-    publishers_of,
-    subscriptions_of,
-)
+from diffbot_core.ros.watches import CLOCK_TOPIC, ClockWatch, PublisherWatch
 from diffbot_core.schema import C
 from diffbot_core.yaml_files import ParameterFiles
 
@@ -62,15 +56,12 @@ class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
     _configuration: object | None = None
     """identity of the present configuration of a managed node; callbacks of an earlier configuration do nothing"""
 
-    def __init__(
-        self, name: str, config_type: type[C], presets: Mapping[str, C] | None = None, **node_options: Any
-    ) -> None:
+    def __init__(self, name: str, config_type: type[C], **node_options: Any) -> None:
         """Create the node.
 
         Args:
             name: name of the node.
-            config_type: configuration type that defines the parameters.
-            presets: defaults of all parameters for each value of the parameter ``preset``.
+            config_type: configuration type that defines the parameters, see :meth:`parameter_set`.
             node_options: options of rclpy's Node.
 
         Raises:
@@ -88,7 +79,7 @@ class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
         try:
             if self.files is not None:
                 self.files.add_node(self.get_fully_qualified_name())
-            config_type, presets = self.parameter_set(config_type, presets, overrides_of(self))
+            config_type, presets = self.parameter_set(config_type, overrides_of(self))
             self._checked_parameters = CheckedParameters(self, config_type, self._use_config, presets)
         except BaseException:
             self.destroy_node()
@@ -111,14 +102,15 @@ class DiffbotNode(Node, Generic[C]):  # type: ignore[misc]
         return cast("CheckedParameters[C]", self._checked_parameters)
 
     def parameter_set(
-        self, config_type: type[C], presets: Mapping[str, C] | None, overrides: Mapping[str, Any]
+        self, config_type: type[C], overrides: Mapping[str, Any]
     ) -> tuple[type[C], Mapping[str, C] | None]:
         """Return the configuration type and the presets to use; the constructor calls this method once.
 
         A node whose parameters depend on other parameters overrides this method. ``overrides`` are the values that the
-        user has given.
+        user has given. Presets are the defaults of all parameters for each value of the parameter ``preset``; None if
+        the node does not have this parameter.
         """
-        return config_type, presets
+        return config_type, None
 
     def on_config(self, config: C) -> None:
         """Update values that depend on parameters; called after each change of a parameter."""

@@ -44,7 +44,7 @@ class CheckedParameters(Generic[C]):
         node: Node,
         config_type: type[C],
         on_change: Callable[[C], None],
-        presets: Mapping[str, C] | None = None,
+        presets: Mapping[str, C] | None,
     ) -> None:
         """Declare every field of ``config_type`` on ``node``.
 
@@ -52,7 +52,7 @@ class CheckedParameters(Generic[C]):
             node: the node.
             config_type: the configuration type.
             on_change: called with the new configuration after each change of a parameter.
-            presets: defaults of all other parameters for each value of the parameter ``preset``.
+            presets: defaults of all other parameters for each value of the parameter ``preset``; None without it.
 
         Raises:
             InvalidValueError: if a given value is not allowed.

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diffbot_control.filter.config import CALIBRATING, EKF, FilterConfig
-from diffbot_control.law.presets import PRECISE, PRESETS, TUNED
+from diffbot_control.law.registry import PRECISE, PRESETS, TUNED
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.schema import build, parameters_of, to_dict
 from diffbot_lab.paper.experiment import HEADINGS_B, starts_of

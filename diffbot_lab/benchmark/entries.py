@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from diffbot_control.goals.registry import resolve_law
 from diffbot_control.law.law import Law
+from diffbot_control.law.registry import resolve_law
 from diffbot_core.errors import DiffbotError, InvalidValueError
 from diffbot_core.schema import build, parameters_of
 from diffbot_lab.benchmark.cases import LIMITS, NONE, OWN, BenchmarkCase, Values

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from diffbot_control.law.presets import TUNED
+from diffbot_control.law.registry import TUNED
 from diffbot_core.errors import InvalidValueError
 from diffbot_lab.benchmark import cases
 from diffbot_lab.benchmark.cases import BenchmarkCase, Values

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 from tqdm import tqdm
 
-from diffbot_control.goals.registry import resolve_law
+from diffbot_control.law.registry import resolve_law
 from diffbot_core.errors import DiffbotError
 from diffbot_core.installed import install_hint
 from diffbot_lab.campaign.journal import Journal

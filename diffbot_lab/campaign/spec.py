@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 import functools
+import hashlib
 import itertools
+import json
 import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from diffbot_control.filter.config import FilterConfig
-from diffbot_control.goals.registry import resolve_law
-from diffbot_control.law.presets import TUNED
+from diffbot_control.law.registry import TUNED, resolve_law
 from diffbot_control.law.switching import SwitchingLaw
 from diffbot_core.errors import DiffbotError, InvalidValueError, known_name, shown
 from diffbot_core.files import read_text
-from diffbot_core.installed import hash_of_code, hash_of_values
+from diffbot_core.installed import DIGITS, hash_of_code
 from diffbot_core.schema import LENGTH, POSITION, build, parameters_of, to_dict
 from diffbot_core.yaml_files import MAX_BYTES, load_yaml
 from diffbot_lab.campaign.options import CampaignOptions
@@ -41,6 +42,29 @@ _RUNS_PER_CHUNK = 100_000
 def code_version() -> str:
     """Return the hash of the code that determines the results of a campaign."""
     return hash_of_code((*PACKAGES, "diffbot_tools", "diffbot_lab"), LIBRARIES)
+
+
+def hash_of_values(values: Iterable[Any]) -> str:
+    """Hash configurations, which are nested named tuples, mappings, sequences and arrays of plain values.
+
+    Floats are hashed exactly. Type names and field names of named tuples are hashed, too.
+    """
+    digest = hashlib.sha256()
+    for value in values:
+        digest.update(json.dumps(_canonical(value), sort_keys=True).encode() + b"\n")
+    return digest.hexdigest()[:DIGITS]
+
+
+def _canonical(value: Any) -> Any:
+    """Convert ``value`` to JSON types."""
+    if isinstance(value, tuple) and hasattr(value, "_fields"):
+        fields = {name: _canonical(one) for name, one in zip(value._fields, value, strict=True)}
+        return {type(value).__name__: fields}
+    if isinstance(value, dict):
+        return {name: _canonical(one) for name, one in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_canonical(one) for one in value]
+    return value.tolist() if hasattr(value, "tolist") else value
 
 
 class Cell(NamedTuple):

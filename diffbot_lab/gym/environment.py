@@ -154,7 +154,7 @@ class DiffbotGoalEnv(gymnasium.Env[Floats, Floats]):
         if feedback != TRUTH:
             check_robot(self.robot, LocalizationConfig().history_length)
         self._buffers, self._source = new_buffers(self.robot), NoiseSource()
-        self._noise = quiet_noise(1, len(self.robot.landmarks))
+        self._noise = quiet_noise(len(self.robot.landmarks))
         self.task = Task(sheet, GoalTolerance(), ARENA * start_range, self.config.plant.sampling_time)
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (2,), np.float32)
         high = np.array([2.0 * ARENA * start_range, 1.0, 1.0, 1.0, 1.0, 2.0 * v_max, 2.0 * omega_max], np.float32)

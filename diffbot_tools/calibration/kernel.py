@@ -31,7 +31,7 @@ from diffbot_control.filter.models import (
     slip_covariance,
 )
 from diffbot_control.filter.noise import inflation_after
-from diffbot_control.filter.odometry import MESSAGE, Densities, densities_of, motion_noise
+from diffbot_control.filter.odometry import MESSAGE, Densities, motion_noise
 from diffbot_control.filter.state import Options, reset_pose
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.geometry import Point, Pose
@@ -109,7 +109,7 @@ def settings_of(config: EkfNodeConfig) -> Settings:
     return Settings(
         # The type of the tuple depends on its length, so each length would be compiled again.
         options._replace(size=STATES, max_radius_error=0.0, max_separation_error=0.0, times=()),
-        densities_of(odometry),
+        odometry.densities,
         odometry.odometry_noise == MESSAGE,
         odometry.odometry_covariance_scale,
         odometry.odometry_delay,

@@ -14,7 +14,6 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 from diffbot_control.filter.odometry_check import MIN_RATE, MIN_SPEED, Agreement, with_rates
-from diffbot_control.ros.frames import odometry_frame
 from diffbot_control.ros.input_watch import WINDOW, InputWatch
 from diffbot_control.ros.messages.ekf import EkfInputs
 from diffbot_control.ros.messages.fields import measured_ns, pose_of, stamp_ns
@@ -22,6 +21,7 @@ from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_control.ros.transforms import Transforms
 from diffbot_core.errors import BadMessageError
 from diffbot_core.kinematics import Twist
+from diffbot_core.shared_parameters import odometry_frame
 from diffbot_core.stamps import S_PER_NS, StampWatch
 
 COMMANDS = "cmd_vel"

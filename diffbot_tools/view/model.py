@@ -15,7 +15,8 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from diffbot_control.filter.covariance import uncertainty_of
-from diffbot_control.law.docking_axis import APPROACH_LENGTH, CORRIDOR, MAX_UNCERTAINTY, DockingConfig
+from diffbot_control.law.configuration import DockingConfig
+from diffbot_control.law.docking_axis import APPROACH_LENGTH, CORRIDOR, MAX_UNCERTAINTY
 from diffbot_control.ros.messages.fields import planar_covariance, pose_of, stamp_ns, twist_from
 from diffbot_control.ros.messages.landmark_cloud import landmark_points
 from diffbot_core.errors import BadMessageError

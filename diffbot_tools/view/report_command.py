@@ -16,7 +16,7 @@ MAX_BAGS = 3
 
 def add_report(commands: Any) -> None:
     """Add ``diffbot report`` to the subparsers of the command line."""
-    from diffbot_control.law.presets import PRESETS  # noqa: PLC0415
+    from diffbot_control.law.registry import PRESETS  # noqa: PLC0415
 
     report = commands.add_parser("report", help="write a page about a recorded bag, one HTML file")
     report.add_argument(
@@ -79,7 +79,7 @@ def write_report(
             type.
     """
     # Imported here, since the command line imports this module for every command.
-    from diffbot_control.law.presets import PRESETS  # noqa: PLC0415
+    from diffbot_control.law.registry import PRESETS  # noqa: PLC0415
     from diffbot_core.files import write_text  # noqa: PLC0415
     from diffbot_tools.view.bag_source import read_bag  # noqa: PLC0415
     from diffbot_tools.view.page_file import html  # noqa: PLC0415

@@ -13,8 +13,8 @@ from rclpy.parameter import parameter_value_to_python
 from std_srvs.srv import SetBool, Trigger
 
 from diffbot_control.goals import record as goal_record
-from diffbot_control.law.configuration import SwitchingConfig
-from diffbot_control.law.docking_axis import DockingConfig, pose_on_axis
+from diffbot_control.law.configuration import DockingConfig, SwitchingConfig
+from diffbot_control.law.docking_axis import pose_on_axis
 from diffbot_control.ros.goals.client import GoalClient
 from diffbot_control.ros.messages.conversions import goal_message
 from diffbot_control.ros.navigator import Navigator

@@ -15,7 +15,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
-from diffbot_control.law.presets import PRESETS, TUNED
+from diffbot_control.law.registry import PRESETS, TUNED
 from diffbot_core.errors import DiffbotError
 from diffbot_core.files import runtime_folder
 from diffbot_core.ros.node import DiffbotNode

@@ -20,15 +20,6 @@ class Inner(NamedTuple):
     numbers: Annotated[tuple[float, ...], Spec("some numbers", minimum=0.0)] = ()
 
 
-class Choice(NamedTuple):
-    colour: Annotated[int, Spec("index of a word", choices=("red", "green", "blue"))] = 2
-
-
-class Nested(NamedTuple):
-    inner: Inner = Inner()
-    choice: Choice = Choice()
-
-
 class Checking(NamedTuple):
     value: Annotated[float, Spec("value")] = 0.0
 
@@ -138,18 +129,6 @@ def test_other_values_come_from_the_base_and_integers_become_floats():
     assert found.gains == PaperGains(gamma=1.0, k=2.0)
     assert isinstance(found.gains.k, float)
     assert (found.eps_P, found.eps_P_leave, found.allow_backward) == (0.3, 0.35, False)
-
-
-def test_a_coded_choice_is_a_word_as_a_parameter_and_an_index_in_the_configuration():
-    config = build(Nested, {"colour": "green"})
-    assert config.choice.colour == 1
-    assert type(config.choice.colour) is int
-    assert to_dict(config)["colour"] == "green"
-    parameter = next(one for one in parameters_of(Nested) if one.name == "colour")
-    assert (parameter.type, parameter.default) == (str, "blue")
-    for value in (1, True, "RED"):
-        with pytest.raises(InvalidValueError, match="colour = "):
-            build(Nested, {"colour": value})
 
 
 def test_only_numbers_that_yaml_reads_as_texts_are_converted_to_floats():

@@ -66,7 +66,7 @@ def test_a_goal_and_poses_before_the_first_clock_are_used_with_the_time_of_that_
     nodes.peer.wait_for_publishers("cmd_vel")
     nodes.peer.wait_for_subscribers(clocks)
     clocks.publish(Clock(clock=Time(sec=5000)))
-    nodes.peer.spin_until(lambda: node.now() == 5000.0, what="the clock")
+    nodes.peer.spin_until(lambda: node.clock_watch.now() == 5000.0, what="the clock")
     node.take_pose(last + 10**8, place, CERTAIN)
     nodes.peer.spin_until(lambda: commands, what="the answer")
     assert commands[0].linear.x > 0.0

@@ -17,9 +17,9 @@ from diffbot_control.ekf_node import EkfNode
 from diffbot_control.robot_node import RobotControllerNode
 from diffbot_control.ros.navigator import Navigator
 from diffbot_core.errors import DiffbotError
-from diffbot_core.parameter_groups import LifecycleConfig
 from diffbot_core.ros.managed_node import ManagedNode
 from diffbot_core.ros.run import run
+from diffbot_core.shared_parameters import LifecycleConfig
 
 # The transitions of startup, pause, resume, reset and shutdown by Nav2's manager, and the state that it then expects.
 CONFIGURE = (Transition.TRANSITION_CONFIGURE, State.PRIMARY_STATE_INACTIVE)

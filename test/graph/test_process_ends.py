@@ -64,7 +64,7 @@ def test_a_signal_that_is_ignored_stays_ignored(tmp_path):
 
 STUCK = """
 import ctypes
-from diffbot_core.parameter_groups import FaultConfig
+from diffbot_core.shared_parameters import FaultConfig
 from diffbot_core.ros.node import DiffbotNode
 from diffbot_core.ros.run import run
 

@@ -27,7 +27,8 @@ from diffbot_lab.filter_benchmark import (
 )
 from diffbot_sim.config import StartPose, WorldConfig
 from diffbot_sim.noise import NoiseSource
-from diffbot_sim.simulation import World, measurements_of
+from diffbot_sim.simulation import measurements_of
+from diffbot_sim.world import World
 from diffbot_tools import cli
 
 RUNS = 2

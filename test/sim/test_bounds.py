@@ -9,7 +9,7 @@ from diffbot_control.ros.messages.fields import MAX_SPEED
 from diffbot_core.kinematics import Twist, body_twist
 from diffbot_core.schema import build
 from diffbot_sim.config import WorldConfig
-from diffbot_sim.simulation import World
+from diffbot_sim.world import World
 
 PAIRS = 60
 STEPS = 12

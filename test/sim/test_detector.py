@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from diffbot_control.filter.dock import robot_at_dock
+from diffbot_control.filter.dock import DockedPose, robot_at_dock
 from diffbot_core.geometry import Pose, into_frame, out_of_frame
 from diffbot_sim import sensors
 from diffbot_sim.config import DetectorConfig, SensorConfig, dock_pose
@@ -30,6 +30,9 @@ def test_errors_increase_with_distance_and_have_the_claimed_covariance_in_the_do
         assert (one.sigma, one.yaw_sigma) == pytest.approx((0.01 + 0.01 * distance, 0.02 + 0.01 * distance))
     noise = claimed_noise(robot, SensorConfig(detector=CONFIG))
     P = np.array([[noise.xx, noise.xy, noise.xt], [noise.xy, noise.yy, noise.yt], [noise.xt, noise.yt, noise.tt]])
+    sigma, yaw_sigma = 0.01 + 0.01 * math.hypot(robot.x, robot.y), 0.02 + 0.01 * math.hypot(robot.x, robot.y)
+    R, marker = np.diag((sigma**2, sigma**2, yaw_sigma**2)), into_frame(Pose(0.0, 0.0, 0.0), robot)
+    np.testing.assert_allclose(P, DockedPose(0.0, 0.0, 0.0).covariance(marker, R), rtol=1e-9, atol=1e-15)
     scale = np.sqrt(np.outer(P.diagonal(), P.diagonal()))
     errors = np.subtract([robot_at_dock(one.pose) for one in found], robot)
     np.testing.assert_allclose(np.cov(errors.T) / scale, P / scale, atol=0.08)
@@ -62,7 +65,7 @@ def test_the_dock_is_detected_within_the_range_of_distances():
 
 
 def test_with_a_detector_poses_are_measured_at_its_rate_in_the_frame_of_the_dock():
-    robot, noise = Pose(-2.0, 0.4, 0.3), quiet_noise(1, 0)[:, 0]
+    robot, noise = Pose(-2.0, 0.4, 0.3), quiet_noise(0)[:, 0]
     config = SensorConfig(fix_rate=10.0, detector=CONFIG._replace(detection_rate=2.0, detection_delay=0.3))
     fix = sensors.measured_pose(out_of_frame(robot, dock_pose(config.detector)), NO_ERRORS, noise, config)
     assert fix.pose == pytest.approx(robot, abs=1e-12)

@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from diffbot_control.goals.registry import resolve_law
+from diffbot_control.law.registry import resolve_law
 from diffbot_control.law.switching import SwitchingLaw
 from diffbot_core.geometry import Pose
 from diffbot_lab.cases import Configuration, make_case

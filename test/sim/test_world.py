@@ -11,7 +11,7 @@ from diffbot_control.filter.config import LandmarkMap
 from diffbot_core.geometry import into_frame
 from diffbot_core.kinematics import Twist
 from diffbot_sim.config import PlantConfig, SensorConfig, StartPose, WorldConfig
-from diffbot_sim.simulation import World
+from diffbot_sim.world import World
 
 QUIET = WorldConfig(
     PlantConfig(drive_noise=0.0, encoder_noise=0.0),

@@ -3,7 +3,7 @@
 import numpy as np
 from robot import planar, stamp, turned
 
-from diffbot_control.law.presets import PRESETS
+from diffbot_control.law.registry import PRESETS
 from diffbot_core.geometry import Pose
 from diffbot_core.schema import build
 from diffbot_sim.config import WorldConfig

@@ -129,7 +129,9 @@ class ActionServers(ABC):
             self.node.goals.accept(self.message_of(handle.request), SOURCE, goal_id)
         except BadMessageError as error:
             # Since the check in _on_goal, the node was deactivated, or a transform became too old.
-            self.node.supervisor.goals.refuse(GoalRequest(goal_id, SOURCE, self.node.now()), REFUSED, str(error))
+            self.node.supervisor.goals.refuse(
+                GoalRequest(goal_id, SOURCE, self.node.clock_watch.now()), REFUSED, str(error)
+            )
             self.node.goals.publish_changes()
 
     def _on_cancel(self, name: str, handle: ServerGoalHandle) -> CancelResponse:

@@ -14,8 +14,9 @@ from rclpy.node import NodeNameNonExistentError
 from std_srvs.srv import Trigger
 
 from diffbot_control.goals import states
-from diffbot_control.goals.path import time_remaining, with_headings
+from diffbot_control.goals.path_headings import with_headings
 from diffbot_control.goals.record import CANCELLED, REFUSED, REPLACED, GoalRecord, GoalRequest, goal_id
+from diffbot_control.goals.timing import time_remaining
 from diffbot_control.ros.controller_publishers import goal_info
 from diffbot_control.ros.messages.conversions import path_from, read_path
 from diffbot_control.ros.messages.fields import stamp_ns
@@ -103,7 +104,7 @@ class GoalServer:
     def _receive(self, message: Any, topic: str) -> None:
         """Accept a goal or a path by topic, or store it if many goals have just arrived."""
         header = message.header
-        stamp, now = stamp_ns(header.stamp), self._node.now()
+        stamp, now = stamp_ns(header.stamp), self._node.clock_watch.now()
         if not stamp:
             # Two goals without a stamp are different goals, even if a simulated clock stands still.
             stamp = self._newest_stamp = max(round(now * NS_PER_S), self._newest_stamp + 1)
@@ -163,7 +164,7 @@ class GoalServer:
         """
         if not self._node.is_active:
             raise BadMessageError("the controller is inactive")
-        frame, transforms = self._node.config.map_frame, _GoalTransforms(self._transforms, self._node.now())
+        frame, transforms = self._node.config.map_frame, _GoalTransforms(self._transforms, self._node.clock_watch.now())
         if hasattr(message, "poses"):
             return path_from(message, frame, transforms)
         return [pose_in_frame(message.pose, message.header, frame, transforms)]
@@ -176,11 +177,11 @@ class GoalServer:
         """
         goals = self.goals_of(message)
         self.drop_waiting(REPLACED, f"by a newer goal ({source})")
-        self._accept(goals, message, GoalRequest(goal_id, source, self._node.now()))
+        self._accept(goals, message, GoalRequest(goal_id, source, self._node.clock_watch.now()))
 
     def _accept(self, goals: list[Pose], message: Any, request: GoalRequest) -> None:
         supervisor = self._node.supervisor
-        supervisor.pass_time(self._node.now(), time.monotonic())
+        supervisor.pass_time(self._node.clock_watch.now(), time.monotonic())
         if hasattr(message, "poses"):
             path = goals
             if supervisor.config.waypoint_radius > 0.0:  # otherwise the robot reaches each pose with its given heading

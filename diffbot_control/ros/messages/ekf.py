@@ -14,7 +14,6 @@ from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.measurement import FIXES
 from diffbot_control.filter.models import Array
 from diffbot_control.filter.odometry import OdometryStep
-from diffbot_control.ros.frames import robot_frame
 from diffbot_control.ros.messages.fields import MAX_SPEED, check_frame, check_numbers, measured_ns, twist_from
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_control.ros.sensors import global_pose_noise, sensors_of, stamped_pose
@@ -22,6 +21,7 @@ from diffbot_control.ros.transforms import NO_TRANSFORMS, Transforms
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import TwistCovariance, WheelSpeeds, body_twist, encoder_covariance
+from diffbot_core.shared_parameters import robot_frame
 
 WHEEL_NOISE = 0.05
 """Bound of the relative error of each wheel speed; the errors of two messages are independent. The parameter

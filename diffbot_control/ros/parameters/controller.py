@@ -7,13 +7,12 @@ from typing import Annotated, Any, NamedTuple
 
 from diffbot_control.goals.supervisor import SupervisorConfig
 from diffbot_control.law.law import Law
-from diffbot_control.law.presets import PRESETS, TUNED
+from diffbot_control.law.registry import PRESETS, TUNED, resolve_law
 from diffbot_control.law.switching import SwitchingLaw
-from diffbot_control.ros.frames import PREFIX_TEXT, RELIABLE_TEXT
 from diffbot_core.endpoints import AUTO, TYPE_WORDS
 from diffbot_core.errors import InvalidValueError
-from diffbot_core.parameter_groups import CommandSourceConfig, FaultConfig, LifecycleConfig
 from diffbot_core.schema import PARTIAL, Spec, checked, parameters_of, variant
+from diffbot_core.shared_parameters import PREFIX_TEXT, RELIABLE_TEXT, CommandSourceConfig, FaultConfig, LifecycleConfig
 
 ALL, PATHS = "all", "follow_path"
 """Values of nav2_actions."""
@@ -97,21 +96,6 @@ _ROS_NAMES = ("use_sim_time",)
 """Names of parameters that every node has."""
 
 
-def law_of(text: str) -> type[Law]:
-    """Return the law of the parameter ``law``.
-
-    Raises:
-        InvalidValueError: if the law does not exist, or cannot be used.
-    """
-    for preset in PRESETS.values():
-        if text == preset.law.name:
-            return preset.law
-    # Imported only if needed, because reading the entry points of all installed packages is slow.
-    from diffbot_control.goals.registry import resolve_law  # noqa: PLC0415
-
-    return resolve_law(text)
-
-
 def parameter_set_of(overrides: Mapping[str, Any]) -> tuple[type[Any], Mapping[str, Any] | None]:
     """Return configuration type and presets of the node, for the law or the preset that ``overrides`` select.
 
@@ -124,7 +108,7 @@ def parameter_set_of(overrides: Mapping[str, Any]) -> tuple[type[Any], Mapping[s
     law_parameter, preset_parameter = parameters_of(ControllerNodeConfig)[:2]
     preset = checked(preset_parameter, overrides.get("preset", preset_parameter.default))
     text = checked(law_parameter, overrides.get("law", PRESETS[preset].law.name))
-    law = law_of(text)
+    law = resolve_law(text)
     presets = {name: one for name, one in PRESETS.items() if one.law is law}
     if "preset" in overrides and preset not in presets:
         raise InvalidValueError("preset", preset, f"a preset of the law {text}: {', '.join(presets) or 'it has none'}")

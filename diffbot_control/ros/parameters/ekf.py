@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import Annotated, NamedTuple
 
 from diffbot_control.filter.config import MAX_SIGMA, MIN_SIGMA, LandmarkMap, LocalizationConfig
-from diffbot_control.ros.frames import PREFIX_TEXT, RELIABLE_TEXT
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.kinematics import WheelGeometry
-from diffbot_core.parameter_groups import FaultConfig, LifecycleConfig
 from diffbot_core.schema import TIMEOUT, Spec
+from diffbot_core.shared_parameters import PREFIX_TEXT, RELIABLE_TEXT, FaultConfig, LifecycleConfig
 
 _TOPICS = ("global_pose", "heading", "imu", "landmarks", "initialpose", "odom", "joint_states", "detected_dock_pose")
 """Inputs with fixed topics."""

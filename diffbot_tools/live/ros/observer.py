@@ -24,8 +24,9 @@ from diffbot_control.ros.sensors import POSE_MESSAGE
 from diffbot_control.ros.tf import transforms_of
 from diffbot_control.ros.transforms import LastTransform
 from diffbot_core.endpoints import AUTO, TYPE_WORDS
+from diffbot_core.ros.graph import bases_elsewhere, published_elsewhere, publishers_of, subscriptions_of
 from diffbot_core.ros.qos import LATCHED, SENSOR
-from diffbot_core.ros.watches import CLOCK_TOPIC, bases_elsewhere, published_elsewhere, publishers_of, subscriptions_of
+from diffbot_core.ros.watches import CLOCK_TOPIC
 from diffbot_core.schema import build, parameters_of
 from diffbot_core.stamps import NS_PER_S
 from diffbot_tools.live.report import (

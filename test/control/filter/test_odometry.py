@@ -11,14 +11,14 @@ from diffbot_control.filter.config import EKF, FNN, FilterConfig, LocalizationCo
 from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.measurement import GyroSample, heading, pose_fix
 from diffbot_control.filter.models import WHEELS, TurnRate
-from diffbot_control.filter.odometry import MESSAGE, MOTION, OdometryConfig, OdometryStep
+from diffbot_control.filter.odometry import MESSAGE, MOTION, Densities, OdometryConfig, OdometryStep
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist, TwistCovariance
 
 MS = 10**6
 UNKNOWN, SMALL = TwistCovariance(0.0, 0.0, 0.0), TwistCovariance(1e-8, 0.0, 1e-8)
-NOISE = OdometryConfig(MOTION, alpha1=0.02, alpha2=0.004, alpha3=0.03, density_xy=1e-3, density_theta=2e-4)
+NOISE = OdometryConfig(MOTION, densities=Densities(0.02, 0.004, 0.03, density_xy=1e-3, density_theta=2e-4))
 
 
 def started(odometry, pose=(0.0, 0.0, 0.0), variance=1e-12, max_extrapolation=math.inf, **values):

@@ -5,10 +5,11 @@ from typing import NamedTuple
 
 import pytest
 
-from diffbot_control.goals import LawError, Supervisor, SupervisorConfig
+from diffbot_control.goals import Supervisor, SupervisorConfig
 from diffbot_control.goals.record import NOT_REACHED, REPLACED
 from diffbot_control.goals.states import DRIVING, IDLE, NOT_AT_GOAL
 from diffbot_control.law import CONTACT, CONTACT_UNKNOWN, GoalTolerance, Law, Report
+from diffbot_control.law.law import LawError
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from diffbot_control.goals.path import directions, with_headings
+from diffbot_control.goals.path_headings import directions, with_headings
 from diffbot_core.geometry import Pose
 
 STEP = 0.05

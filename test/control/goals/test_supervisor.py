@@ -7,7 +7,6 @@ import uuid
 import pytest
 
 from diffbot_control.goals import Supervisor, SupervisorConfig
-from diffbot_control.goals.path import time_remaining
 from diffbot_control.goals.record import (
     NOT_REACHED,
     POSE_LOST,
@@ -19,6 +18,7 @@ from diffbot_control.goals.record import (
 )
 from diffbot_control.goals.states import AT_GOAL as REACHED
 from diffbot_control.goals.states import DRIVING, IDLE, NOT_AT_GOAL, STALE, UNCERTAIN, WAITING
+from diffbot_control.goals.timing import time_remaining
 from diffbot_control.law import PRESETS, PaperConfig, PaperLaw, SwitchingLaw
 from diffbot_control.law.goal_checker import smallest_tolerance
 from diffbot_core.data_sheet import PAPER_DATA_SHEET

@@ -7,10 +7,9 @@ import pytest
 from extremes import assert_finite, extreme_configs
 
 from diffbot_control.goals import Supervisor, SupervisorConfig
-from diffbot_control.goals.registry import registered_laws, resolve_law
 from diffbot_control.law import paper
 from diffbot_control.law.goal_checker import smallest_tolerance
-from diffbot_control.law.presets import PRECISE, PRESETS, TUNED
+from diffbot_control.law.registry import PRECISE, PRESETS, TUNED, registered_laws, resolve_law
 from diffbot_control.law.switching import SwitchingLaw
 from diffbot_core.geometry import MAX_COORDINATE, Pose
 from diffbot_core.schema import PARTIAL, variant

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from diffbot_control.law import docking
-from diffbot_control.law.configuration import SwitchingConfig
+from diffbot_control.law.configuration import DockingConfig, SwitchingConfig
 from diffbot_control.law.docking import (
     APPROACHING,
     DOCKED,
@@ -25,7 +25,6 @@ from diffbot_control.law.docking import (
     docking_step,
     new_docking_memory,
 )
-from diffbot_control.law.docking_axis import DockingConfig
 from diffbot_control.law.law import CONTACT, CONTACT_UNKNOWN, NO_CONTACT, Observation
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose

@@ -5,10 +5,10 @@ import random
 import pytest
 from driven import ORIGIN, T_S, Robot, seen
 
+from diffbot_control.law.configuration import DockingConfig
 from diffbot_control.law.docking import DOCKED, STAGING, UNDOCKED, UNDOCKING, Docking
-from diffbot_control.law.docking_axis import DockingConfig
-from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.regions import OMEGA_G, OMEGA_L, Switching
+from diffbot_control.law.registry import PRESETS
 from diffbot_control.law.steering import BACKWARD, FORWARD, UNDECIDED, Approach
 from diffbot_control.law.switching import SwitchingLaw, new_memory
 from diffbot_core.geometry import Pose

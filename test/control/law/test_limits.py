@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from diffbot_control.law.law import CONTACT_UNKNOWN, Observation
 from diffbot_control.law.limits import limit_acceleration, limit_velocity, slowed
-from diffbot_control.law.presets import PRESETS
+from diffbot_control.law.registry import PRESETS
 from diffbot_core.data_sheet import DataSheet, rim_speed
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist, WheelGeometry, wheel_speeds

@@ -7,8 +7,8 @@ from driven import ORIGIN, Run, seen
 
 from diffbot_control.law.goal_checker import Settling
 from diffbot_control.law.latency import Actuation, resting_actuation
-from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.regions import MAX_DEPARTURES, OMEGA_G, OMEGA_L, Switching
+from diffbot_control.law.registry import PRESETS
 from diffbot_control.law.steering import BACKWARD, Approach
 from diffbot_control.law.switching import SwitchingLaw, SwitchingMemory, new_memory, step
 from diffbot_core.geometry import Pose

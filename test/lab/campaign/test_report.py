@@ -8,7 +8,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 
-from diffbot_control.goals.registry import resolve_law
+from diffbot_control.law.registry import resolve_law
 from diffbot_lab.campaign.report import table, write_report
 from diffbot_lab.campaign.spec import code_version, make_campaign
 from diffbot_lab.campaign.statistics import CellStatistics, count_outcomes

@@ -10,7 +10,7 @@ import distributed
 import pytest
 from project_files import files_read_by
 
-from diffbot_control.goals.registry import resolve_law
+from diffbot_control.law.registry import resolve_law
 from diffbot_core.errors import DiffbotError
 from diffbot_lab.campaign import report, spec
 from diffbot_lab.campaign import runner as module

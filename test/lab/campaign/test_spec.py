@@ -1,14 +1,16 @@
 """Campaigns are read from YAML and flags and expanded into cells; errors are one line that names the value."""
 
 import itertools
+import math
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 import yaml
 
 from diffbot_control.law import PRESETS
-from diffbot_lab.campaign.spec import make_campaign, read_campaign
+from diffbot_lab.campaign.spec import hash_of_values, make_campaign, read_campaign
 from diffbot_sim.robot_step import FEEDBACKS
 from diffbot_tools import cli
 
@@ -142,3 +144,31 @@ def test_a_preset_selects_its_law_in_each_cell_and_the_default_preset_is_the_nod
     assert [cell.law for cell in cells] == ["paper", "switching", "switching"]
     assert [cell.case.controller for cell in cells] == [PRESETS[name].config for name in ("paper", "tuned", "precise")]
     assert make_campaign({}).cells[0].case.controller == PRESETS["tuned"].config
+
+
+class Pair(NamedTuple):
+    k: float
+    h: float
+
+
+class Other(NamedTuple):
+    k: float
+    h: float
+
+
+def test_the_hash_depends_on_type_field_and_last_bit_of_each_value():
+    values = [
+        Pair(1.0, 2.0),
+        Pair(2.0, 1.0),
+        Pair(1.0, math.nextafter(2.0, 3.0)),
+        Other(1.0, 2.0),
+        {"k": 1.0, "h": 2.0},
+        np.array([[1.0, 2.0]]),
+        np.array([1.0, math.inf]),
+        *([1.0, other] for other in (2.0, None, True, 1, "1")),
+        (Pair(1.0, 2.0), Pair(1.0, 2.0)),
+    ]
+    assert len({hash_of_values([value]) for value in values}) == len(values)
+    assert hash_of_values(values) != hash_of_values(values[::-1])
+    assert hash_of_values([np.array([1.0, 2.0])]) == hash_of_values([(1.0, 2.0)])
+    assert hash_of_values([{"h": 2.0, "k": 1.0}]) == hash_of_values([{"k": 1.0, "h": 2.0}])

@@ -8,7 +8,7 @@ from driven import Robot, seen
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from diffbot_control.goals.registry import registered_laws, resolve_law
+from diffbot_control.law.registry import registered_laws, resolve_law
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist

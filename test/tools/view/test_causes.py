@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from diffbot_control.law.presets import PRESETS
+from diffbot_control.law.registry import PRESETS
 from diffbot_core.kinematics import WheelGeometry
 from diffbot_tools.view.causes import causes
 from diffbot_tools.view.texts import ERROR, WARNING

@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from diffbot_control.law.presets import PRESETS
+from diffbot_control.law.registry import PRESETS
 from diffbot_tools.view.constants import constants_of
 from diffbot_tools.view.live_state import LiveState
 from diffbot_tools.view.server import Address, PageServer

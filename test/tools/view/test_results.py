@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import view_bags
 
-from diffbot_control.law.presets import PRESETS
+from diffbot_control.law.registry import PRESETS
 from diffbot_core.geometry import Pose
 from diffbot_tools.view.bag_source import read_bag
 from diffbot_tools.view.events import Event

@@ -1,11 +1,15 @@
-"""Find a law by its registered name (entry points ``diffbot.controllers``) or by ``package.module:Class``."""
+"""Laws by name, and presets: named sets of defaults, each for one law."""
 
 from __future__ import annotations
 
 import importlib
-from typing import Any
+from typing import Any, NamedTuple
 
+from diffbot_control.law.configuration import PaperConfig, SwitchingConfig
+from diffbot_control.law.goal_checker import GoalTolerance
 from diffbot_control.law.law import Law
+from diffbot_control.law.paper import PaperLaw
+from diffbot_control.law.switching import SwitchingLaw
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.installed import entry_points_by_name
@@ -14,13 +18,31 @@ GROUP = "diffbot.controllers"
 """Group of the entry points: name of the law -> ``package.module:Class``."""
 
 
+class Preset(NamedTuple):
+    """A law with its parameters."""
+
+    law: type[Law]
+    config: Any
+    """instance of the law's Config"""
+
+
+TUNED, PRECISE, PAPER = "tuned", "precise", "paper"
+PRESETS = {
+    TUNED: Preset(SwitchingLaw, SwitchingConfig()),
+    PRECISE: Preset(SwitchingLaw, SwitchingConfig(tolerance=GoalTolerance(xy_goal_tolerance=0.03))),
+    PAPER: Preset(PaperLaw, PaperConfig()),
+}
+"""``tuned``: the defaults. ``precise``: the defaults with a position tolerance of 0.03 m. ``paper``: the law of the
+paper, with its gains and its fixed region."""
+
+
 def registered_laws() -> dict[str, str]:
     """Return ``package.module:Class`` of all registered laws by name, sorted by name."""
     return {name: one.value for name, one in entry_points_by_name(GROUP).items()}
 
 
 def resolve_law(text: str) -> type[Law]:
-    """Import a law.
+    """Return a law; import it unless it is the law of a preset.
 
     Args:
         text: registered name, or ``package.module:Class``.
@@ -28,6 +50,9 @@ def resolve_law(text: str) -> type[Law]:
     Raises:
         InvalidValueError: if the law does not exist, or cannot be imported or used.
     """
+    for preset in PRESETS.values():
+        if text == preset.law.name:
+            return preset.law  # without reading the entry points of all installed packages, which is slow
     laws = registered_laws()
     module_name, colon, attribute = laws.get(text, text).partition(":")
     if not (colon and module_name and attribute):

@@ -1,53 +1,21 @@
-"""Paths: remaining length and time, waypoints that were passed, and headings for paths without headings."""
+"""Headings for paths without headings."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from itertools import takewhile
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
 
 from diffbot_core.geometry import Pose, wrap_angle
 
-if TYPE_CHECKING:
-    from diffbot_control.filter.models import Array
+Array = NDArray[np.float64]
 
-_MIN_SHARE = 0.05
-"""share of the distance that the robot must cover before its mean speed so far is used"""
 _CHORD = 0.2
 """[m] length of the path before and after a pose from which the direction at the pose is computed"""
 _SAME, _CONTRADICTION = 1e-3, 0.3
 """[rad] headings that differ by less are equal; a heading that differs by more contradicts the direction of the path"""
-
-
-def distance_along(pose: Pose, goals: Iterable[Pose]) -> float:
-    """Return the length [m] of the straight lines from ``pose`` through all ``goals``."""
-    length, last = 0.0, pose
-    for goal in goals:
-        length += math.hypot(goal.x - last.x, goal.y - last.y)
-        last = goal
-    return length
-
-
-def goals_passed(pose: Pose, goals: Sequence[Pose], radius: float) -> int:
-    """Return how many goals, from the first on, are within ``radius`` [m] of a pose; the last goal never counts."""
-    near = takewhile(lambda one: math.hypot(one.x - pose.x, one.y - pose.y) < radius, goals[:-1])
-    return sum(1 for _ in near)
-
-
-def time_remaining(distance: float, first_distance: float, elapsed: float, max_speed: float) -> float:
-    """Estimate the time [s] to the goal from the mean speed so far, or initially from the speed limit.
-
-    Args:
-        distance: [m] remaining distance.
-        first_distance: [m] remaining distance when the goal was accepted.
-        elapsed: [s] since the goal was accepted.
-        max_speed: [m/s] speed limit; may be infinite, or 0 for a robot that must not move.
-    """
-    covered = first_distance - distance
-    if covered > _MIN_SHARE * first_distance and elapsed > 0.0:
-        return distance * elapsed / covered
-    return distance / max_speed if max_speed > 0.0 else math.inf
 
 
 def directions(poses: Sequence[Pose]) -> Array:
@@ -55,8 +23,6 @@ def directions(poses: Sequence[Pose]) -> Array:
 
     At a corner the direction bisects the angle. Where the path turns back, the direction is that of the next part.
     """
-    import numpy as np  # noqa: PLC0415 - every start of the command line imports this module
-
     points = np.array([(one.x, one.y) for one in poses])
     lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
     before = np.maximum(np.searchsorted(lengths, lengths - _CHORD, side="right") - 1, 0)
@@ -68,8 +34,6 @@ def directions(poses: Sequence[Pose]) -> Array:
 
 
 def _units(vectors: Array) -> Array:
-    import numpy as np  # noqa: PLC0415
-
     lengths = np.hypot(*vectors.T)[:, None]
     units: Array = np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 0.0)
     return units

@@ -2,7 +2,7 @@
 
 import pytest
 
-from diffbot_control.goals.registry import resolve_law
+from diffbot_control.law.registry import resolve_law
 from diffbot_core.errors import InvalidValueError
 
 GOOD = """
