@@ -6,11 +6,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from itertools import takewhile
 from typing import Annotated, Any, NamedTuple
 
-from diffbot_control.goals import states
+from diffbot_control.goals import states, timing
 from diffbot_control.goals.record import ANONYMOUS, REACHED, SUSPENSION, GoalBook, GoalRequest
 from diffbot_control.goals.states import TABLE, WITH_GOAL, GoalEvent, Reaction, State
 from diffbot_control.goals.timing import MAX_STEP, GoalGuard, PoseClock, RemainingPath
@@ -66,12 +64,7 @@ class SupervisorConfig(NamedTuple):
     ] = 0.5
     goal_timeout: Annotated[
         float,
-        Spec(
-            "time after which a goal that is not reached is given up; -1: derived from distance and limits; 0: never",
-            "s",
-            -1.0,
-            TIME[1],
-        ),
+        Spec("time after which a goal is given up; -1: derived from distance and limits; 0: never", "s", -1.0, TIME[1]),
     ] = -1.0
     goal_update_distance: Annotated[
         float,
@@ -170,7 +163,7 @@ class Supervisor:
 
     def distance_remaining(self) -> float:
         """Return the length [m] of the straight lines through all remaining goals; 0 without a goal."""
-        return 0.0 if self.pose is None else _distance_along(self.pose, self.goals_ahead)
+        return 0.0 if self.pose is None else timing.distance_along(self.pose, self.goals_ahead)
 
     @property
     def is_beyond_limits(self) -> bool:
@@ -341,7 +334,7 @@ class Supervisor:
     def _command_for(self, command: Reaction, dt: float) -> Twist | None:
         if command is Reaction.LAW:
             if self.state is State.DRIVING and self.pose is not None:
-                self._skip_goals(_goals_passed(self.pose, self.goals_ahead, self.config.waypoint_radius))
+                self._skip_goals(timing.goals_passed(self.pose, self.goals_ahead, self.config.waypoint_radius))
             # There is no goal if the law has just raised an error for the next goal of the path.
             return self._brake(dt) if self.goal is None else self._take_step(self.goal, dt)
         if command is Reaction.BRAKE:
@@ -360,7 +353,7 @@ class Supervisor:
         self.waypoint, self.waypoints, self.updates = waypoint, waypoints, 0
         self._waits, self.is_stale, self.reason, self.has_failed = True, False, "", False
         self._since_step = 0.0
-        distance, is_known = _distance_along(self.pose or goals[0], goals), self.pose is not None
+        distance, is_known = timing.distance_along(self.pose or goals[0], goals), self.pose is not None
         self._guard.accept(self.config.goal_timeout, distance, len(goals), self.data_sheet, is_known, is_replanned)
         self._begin_goal()
 
@@ -452,18 +445,3 @@ class Supervisor:
         if self.state not in WITH_GOAL:
             self._zeros_due = max(self._zeros_due - 1, 0)
         return STOP
-
-
-def _distance_along(pose: Pose, goals: Iterable[Pose]) -> float:
-    """Return the length [m] of the straight lines from ``pose`` through all ``goals``."""
-    length, last = 0.0, pose
-    for goal in goals:
-        length += math.hypot(goal.x - last.x, goal.y - last.y)
-        last = goal
-    return length
-
-
-def _goals_passed(pose: Pose, goals: Sequence[Pose], radius: float) -> int:
-    """Return how many goals, from the first on, are within ``radius`` [m] of a pose; the last goal never counts."""
-    near = takewhile(lambda one: math.hypot(one.x - pose.x, one.y - pose.y) < radius, goals[:-1])
-    return sum(1 for _ in near)

@@ -8,9 +8,12 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Iterable, Sequence
+from itertools import takewhile
 from typing import NamedTuple
 
 from diffbot_core.data_sheet import DataSheet, fastest
+from diffbot_core.geometry import Pose
 from diffbot_core.stamps import S_PER_NS, Lateness, StampWatch
 
 MAX_STEP = 1.0
@@ -158,6 +161,21 @@ class RemainingPath(NamedTuple):
     """True if the last goal is so near that manoeuvres need not reduce the distance"""
     is_at_rest: bool
     """True if the robot rests near the last goal"""
+
+
+def distance_along(pose: Pose, goals: Iterable[Pose]) -> float:
+    """Return the length [m] of the straight lines from ``pose`` through all ``goals``."""
+    length, last = 0.0, pose
+    for goal in goals:
+        length += math.hypot(goal.x - last.x, goal.y - last.y)
+        last = goal
+    return length
+
+
+def goals_passed(pose: Pose, goals: Sequence[Pose], radius: float) -> int:
+    """Return how many goals, from the first on, are within ``radius`` [m] of a pose; the last goal never counts."""
+    near = takewhile(lambda one: math.hypot(one.x - pose.x, one.y - pose.y) < radius, goals[:-1])
+    return sum(1 for _ in near)
 
 
 def _turn_and_start(sheet: DataSheet) -> float:

@@ -79,16 +79,21 @@ def calibrated_file(
                 # The errors are uniformly distributed.
                 _put(content, _PLANT, simulated, float(f"{min(math.sqrt(3.0) * value, maximum):.4g}"))
     if latency is not None:
-        for name, limit in latency.limits().items():
-            maps, key = _find(content, _CONTROLLER, name) or ((CommentedMap(),), "")
-            before = maps[-1].get(key, math.inf)
-            if not isinstance(before, (int, float)) or limit < before:
-                _put(content, _CONTROLLER, name, float(f"{limit:.3g}"))
-        _put(content, _CONTROLLER, "drive_time_constant", round(latency.time_constant, 3))
-        _put(content, _CONTROLLER, "command_latency", round(latency.dead_time, 3), f"+- {latency.sigma:.2g}")
+        _put_latency(content, latency)
     stream = io.StringIO()
     editor.dump(content, stream)
     return f"# {head}\n" + _HEAD.sub("", stream.getvalue(), count=1)
+
+
+def _put_latency(content: Any, latency: LatencyEstimate) -> None:
+    """Write the limits, the time constant and the latency of the base into the section of the controller."""
+    for name, limit in latency.limits().items():
+        maps, key = _find(content, _CONTROLLER, name) or ((CommentedMap(),), "")
+        before = maps[-1].get(key, math.inf)
+        if not isinstance(before, (int, float)) or limit < before:
+            _put(content, _CONTROLLER, name, float(f"{limit:.3g}"))
+    _put(content, _CONTROLLER, "drive_time_constant", round(latency.time_constant, 3))
+    _put(content, _CONTROLLER, "command_latency", round(latency.dead_time, 3), f"+- {latency.sigma:.2g}")
 
 
 def _is_same(value: Any, given: Any) -> bool:
