@@ -6,6 +6,7 @@ import time
 
 import graph
 import numpy as np
+from action_msgs.msg import GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist, TwistStamped
 from nav_msgs.msg import Odometry, Path
@@ -104,7 +105,10 @@ class Robot:
         self.controller_states = peer.subscribe(DiagnosticStatus, "controller/status", LATCHED)
         self.ekf_states = peer.subscribe(DiagnosticStatus, "ekf/status", LATCHED)
         self.diagnostics = peer.subscribe(DiagnosticArray, "/diagnostics", DEEP)
+        self.goal_states = peer.subscribe(GoalStatusArray, "controller/goal_status", LATCHED)
+        self.goal_results = peer.subscribe(DiagnosticArray, "controller/goal_results", LATCHED)
         self.goals = peer.publisher(PoseStamped, "goal_pose")
+        self.paths = peer.publisher(Path, "path")
         self.commands = []
 
     def start(self, name, parameters=None):
@@ -170,6 +174,31 @@ class Robot:
             if self.peer.comes_true(known, 5.0 if left else graph.PATIENCE):
                 return
         raise AssertionError(f"the controller's status does not name the goal {goal}")
+
+    def accepted(self):
+        """Return the status of each goal by its id in the newest goal_status, the newest goal last."""
+        self.catch_up()
+        newest = self.goal_states[-1].status_list if self.goal_states else []
+        return {bytes(one.goal_info.goal_id.uuid).hex(): one.status for one in newest}
+
+    def ends(self):
+        """Return end and reason of each goal by its id in the newest goal_results."""
+        self.catch_up()
+        newest = self.goal_results[-1].status if self.goal_results else []
+        return {one.name: (one.message, graph.values(one)["reason"]) for one in newest}
+
+    def send_stamped(self, *poses, **options):
+        """Send a goal or a path, see :func:`stamped_goal`, and wait for its acceptance or its end; return its id."""
+        goal_id, message = stamped_goal(*poses, **options)
+        publisher = self.goals if len(poses) == 1 else self.paths
+        self.peer.wait_for_subscribers(publisher)
+        publisher.publish(message)
+        self.peer.spin_until(lambda: goal_id in self.accepted() or goal_id in self.ends(), what="the goal")
+        return goal_id
+
+    def wait_for_end(self, goal_id):
+        """Wait until a goal has ended; return end and reason."""
+        return self.peer.spin_until(lambda: self.ends().get(goal_id), what="the end of the goal")
 
     def pause(self, paused):
         return self.peer.call(SetBool, "plant/pause", SetBool.Request(data=paused))
