@@ -7,7 +7,6 @@ import math
 import random
 import threading
 import time
-from collections import deque
 from typing import NamedTuple
 
 import graph
@@ -22,21 +21,14 @@ from diffbot_control.ros.messages.fields import fill_pose, pose_of, set_stamp, s
 from diffbot_control.ros.navigator import Navigator, TaskResult
 from diffbot_core.geometry import Pose, into_frame, out_of_frame
 from diffbot_core.ros.qos import QUEUE
-from diffbot_core.stamps import NS_PER_S
 
 DOCK = Pose(3.0, 1.0, 0.5)
 SPEED = 3.0
 """of simulated time over real time"""
-NONE, FROZEN, SWAPPED, LATE, RELOCATED = "none", "frozen", "swapped", "late", "relocated"
-FAULTS = (NONE, FROZEN, SWAPPED, LATE, RELOCATED)
-HARMLESS = (NONE, LATE, RELOCATED)
-"""Faults with which the robot docks all the same."""
+NONE, FROZEN, SWAPPED = FAULTS = "none", "frozen", "swapped"
 NEAR = 0.6
 """[m] from the dock at which a fault begins"""
-LATENESS = 0.5
-"""[s] by which detections come later than the detector's own 0.1 s"""
-OTHER_DOCK, JUMP = Pose(0.0, 0.5, 0.0), Pose(0.2, 0.2, 0.0)
-XY, YAW = 0.02, math.radians(2.0)
+OTHER_DOCK = Pose(0.0, 0.5, 0.0)
 _TIMEOUT = 120.0
 """[s] of real time for one drive"""
 _QUEUED = 2 * QUEUE.depth
@@ -46,17 +38,11 @@ _QUEUED = 2 * QUEUE.depth
 class Docking(NamedTuple):
     """How one run ended."""
 
-    fault: str
     end: str
     contact: tuple[float, float] | None
     """lateral error [m] and heading error [rad] of the true pose at the first contact"""
     undocking: str
     """how that ended then; empty after another end than ``reached``"""
-
-    @property
-    def is_beside(self):
-        """True for a contact with more than 2 cm or 2 degrees."""
-        return self.contact is not None and (abs(self.contact[0]) > XY or abs(self.contact[1]) > YAW)
 
 
 class Detector:
@@ -70,11 +56,9 @@ class Detector:
         self.touches = None
         """state of the contact switch; None: as the plant reports it"""
         self._truths, self._came = 0, threading.Condition()
-        self._waiting = deque()
         self._frozen = None
         node = rclpy.create_node("detector")
         self._sent = node.create_publisher(PoseWithCovarianceStamped, "detected_dock_pose", 10)
-        self._jumps = node.create_publisher(PoseWithCovarianceStamped, "initialpose", 10)
         self._switch = node.create_publisher(Bool, "dock_contact", 10)
         node.create_subscription(PoseWithCovarianceStamped, "detected_by_plant", self._on_detection, 10)
         node.create_subscription(Bool, "contact_of_plant", self._on_contact, 10)
@@ -110,25 +94,12 @@ class Detector:
         if self.contact is None and pose.x >= 0.0 and self.truth is not None and self.truth.x < 0.0:
             self.contact = pose.y, pose.theta
         self.truth = pose
-        if self.fault == RELOCATED and not self.is_near and -pose.x < NEAR:
-            jump = PoseWithCovarianceStamped()
-            jump.header.frame_id = "map"
-            fill_pose(jump.pose.pose, out_of_frame(JUMP, pose_of(message.pose.pose)))
-            jump.pose.covariance[[0, 7, 35]] = 0.01
-            self._jumps.publish(jump)
         self.is_near = self.is_near or -pose.x < NEAR
-        while self._waiting and stamp_ns(message.header.stamp) - stamp_ns(self._waiting[0].header.stamp) >= (
-            LATENESS * NS_PER_S
-        ):
-            self._sent.publish(self._waiting.popleft())
         with self._came:
             self._truths += 1
             self._came.notify_all()
 
     def _on_detection(self, message):
-        if self.fault == LATE:
-            self._waiting.append(message)
-            return
         if self.fault == FROZEN:
             # Keep a detection from farther away. If this process is held up, the robot may already stand at its
             # staging pose when the next detection arrives, and the frozen detection would then be true.
@@ -197,7 +168,7 @@ class Scene:
         undocking = ""
         if end == "reached":
             undocking = self.wait() if self.navigator.undock() else "refused"
-        return Docking(fault, end, contact, undocking)
+        return Docking(end, contact, undocking)
 
     def wait(self):
         """Return how the task ended; empty without an answer in time."""
