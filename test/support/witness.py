@@ -8,7 +8,6 @@ import signal
 import time
 from pathlib import Path
 
-import graph
 from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
 from nav_msgs.msg import Odometry
 from robot import DEEP, twist
@@ -171,19 +170,6 @@ class Witness:
             with contextlib.suppress(OSError):
                 found[path.parts[2], path.parts[4]] = int(path.read_text().split()[1]) * 1e-9
         return found
-
-    def report_with(self, *texts, level=None):
-        """Wait for a report on /diagnostics, newer than this call, that contains the texts; return it."""
-        begin = len(self.robot.diagnostics)
-
-        def found():
-            for report in (one for message in self.robot.diagnostics[begin:] for one in message.status):
-                words = " ".join((report.name, report.message, *graph.values(report).values()))
-                if all(text in words for text in texts) and level in (None, report.level):
-                    return report
-            return None
-
-        return self.peer.spin_until(found, what=f"{texts} on /diagnostics")
 
     def audit(self):
         """Fail if a process died or printed a traceback, or if an output was not finite."""
