@@ -211,12 +211,10 @@ def test_a_node_that_cannot_start_itself_ends_with_its_error(step, error, kept_s
 @pytest.mark.parametrize(
     ("before", "step", "error", "state"),
     [
-        ((), "configure", REFUSED, "unconfigured"),
-        (("configure",), "activate", UNFORESEEN, "unconfigured"),
+        ((), "configure", UNFORESEEN, "unconfigured"),
         (("configure",), "activate", REFUSED, "inactive"),
         # A node that has stopped a part of its work is neither active nor inactive.
         (("configure", "activate"), "deactivate", REFUSED, "unconfigured"),
-        (("configure",), "cleanup", UNFORESEEN, "unconfigured"),
     ],
 )
 def test_a_transition_that_raises_fails_and_is_reported_until_one_succeeds(before, step, error, state, nodes, capfd):

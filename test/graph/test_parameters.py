@@ -97,20 +97,6 @@ def test_a_dump_can_start_the_node_again_and_can_be_loaded(nodes, name, tmp_path
     assert dumped(nodes.peer, node) == first
 
 
-def test_a_file_sets_the_parameters_of_the_nodes_that_it_names_and_unknown_names_are_found(nodes, tmp_path):
-    file = tmp_path / "all.yaml"
-    known = "landmark_rate: 0.0\n    gamma: 1.0\n    hold_goal: true\n    state_file: ''\n    uri: bag"
-    qos = "qos_overrides:\n      /odom:\n        subscription:\n          depth: 7"
-    plant = "/**/plant:\n  ros__parameters:\n    initial_pose.x: 3\n    initial_pose.yaw: 0.0\n    start_paused: true\n"
-    file.write_text(f"/**:\n  ros__parameters:\n    {known}\n    {qos}\n    gama: 2.0\n{plant}")
-    node = nodes.add(EkfNode, arguments=("--params-file", str(file)))
-    assert node.checked_parameters.unknown == {"gama": 2.0}
-    assert node.get_parameter("qos_overrides./odom.subscription.depth").value == 7
-    arguments = ("--params-file", str(file), "-r", "__ns:=/filed", "-p", "initial_pose.y:=4.5")
-    node = nodes.add(PlantNode, arguments=arguments)
-    assert [node.get_parameter(f"initial_pose.{name}").value for name in ("x", "y", "yaw")] == [3.0, 4.5, 0.0]
-
-
 def test_an_argument_that_ros_would_ignore_in_a_namespace_ends_the_start(kept_signal_handlers, capfd, monkeypatch):
     monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")  # the node sets it
     assert plant_node.main(["--ros-args", "-r", "__ns:=/r1", "-p", "plant:initial_pose.y:=2.0"]) == 1
