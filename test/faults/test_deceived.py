@@ -64,7 +64,6 @@ class Base:
             self.fixes.publish(fix(now, *self.falsify(*self.pose)))
 
     def until(self, condition, what, timeout=PATIENCE):
-        """Feed until a condition holds."""
         self.peer.spin_until(lambda: self.feed() or condition(), timeout, what)
 
     def drive(self, seeded):

@@ -22,7 +22,6 @@ from diffbot_tools.view.model import LAW_LABELS
 from diffbot_tools.watch.watch_node import MAX_NODES
 
 SHARE = 1000
-"""Names in one message."""
 MAX_GROWTH = 20.0
 """[MB] of the process"""
 LEFT_OPEN = 12
@@ -54,7 +53,6 @@ class Shown:
         return graph.wait_for(shows, what=f"pose {number}")
 
     def memory(self):
-        """Return the memory of the process [MB]."""
         status = Path(f"/proc/{self.watch.popen.pid}/status").read_text()
         return int(status.partition("VmRSS:")[2].split()[0]) / 1024.0
 

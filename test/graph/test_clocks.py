@@ -74,8 +74,6 @@ def test_a_goal_and_poses_before_the_first_clock_are_used_with_the_time_of_that_
 
 
 class Listener(DiffbotNode):
-    """A node with a clock and nothing else."""
-
     def __init__(self, **options):
         super().__init__("listener", PlantNodeConfig, **options)
 

@@ -21,13 +21,11 @@ CLOSED, OPEN = True, False
 
 @pytest.fixture
 def docking(nodes):
-    """Return a controller that docks."""
     parameters = {"law": "docking", "map_frame": "dock", "reliable_inputs": True, "pose_timeout": 60.0}
     return one_process.Fed(nodes, ControllerNode, parameters)
 
 
 def report(docking, source):
-    """Send the state of the switch or of the battery."""
     if isinstance(source, bool):
         docking.send("dock_contact", Bool(data=source))
     else:

@@ -2,12 +2,12 @@
 
 import math
 import os
+import random
 from contextlib import ExitStack
 
 import docks
 import graph
 import pytest
-import rclpy
 from action_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.action import get_action_server_names_and_types_by_node
@@ -24,12 +24,9 @@ FAULTS = [pytest.param(one, marks=() if one == docks.SWAPPED else pytest.mark.sl
 
 @pytest.fixture(scope="module")
 def scene(nav2_folder):
-    """Run the nodes, which can import nav2_msgs."""
     with pytest.MonkeyPatch.context() as patch, ExitStack() as stack:
         patch.setenv("PYTHONPATH", os.pathsep.join(filter(None, (str(nav2_folder), os.environ.get("PYTHONPATH")))))
-        rclpy.init()
-        stack.callback(rclpy.try_shutdown)
-        running = stack.enter_context(docks.Scene(seed=11))
+        running = docks.Scene(stack)
         running.peer = stack.enter_context(graph.peer())
         running.statuses = []
         running.navigator.create_subscription(DiagnosticStatus, "controller/status", running.statuses.append, LATCHED)
@@ -37,12 +34,10 @@ def scene(nav2_folder):
 
 
 def go_to(scene, x, y=0.0, yaw=0.0):
-    """Send a goal before the dock."""
     assert scene.navigator.goToPose(pose_stamped(*out_of_frame(Pose(x, y, yaw), docks.DOCK)))
 
 
 def drive_to(scene, x, y=0.0, yaw=0.0):
-    """Drive to a pose before the dock."""
     go_to(scene, x, y, yaw)
     assert scene.wait() == "reached"
 
@@ -50,17 +45,26 @@ def drive_to(scene, x, y=0.0, yaw=0.0):
 @tried(10)
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_robot_docks_exactly_or_reports_that_it_does_not(scene, fault, trials):
+    chance, detector, navigator = random.Random(11), scene.detector, scene.navigator
     for _ in trials:
-        done = scene.run(fault)
-        assert done.end, "no answer"
-        if done.contact is not None:
-            assert abs(done.contact[0]) <= 0.02
-            assert abs(done.contact[1]) <= math.radians(2.0)
-        if fault == docks.NONE:
-            assert done.end == done.undocking == "reached", done
-            assert done.contact is not None
-        else:
-            assert done.end.startswith(("not reached: ", "pose lost: ")), done
+        go_to(scene, chance.uniform(-3.0, -0.9), chance.uniform(-0.5, 0.5), chance.uniform(-0.7, 0.7))
+        scene.wait()
+        detector.begin(fault)
+        navigator.dock()
+        end = scene.wait()
+        detector.catch_up()
+        contact = detector.contact
+        detector.begin(docks.NONE)
+        if contact is not None:
+            assert abs(contact[0]) <= 0.02
+            assert abs(contact[1]) <= math.radians(2.0)
+        if fault != docks.NONE:
+            assert end.startswith(("not reached: ", "pose lost: "))
+            continue
+        assert end == "reached"
+        assert contact is not None
+        assert navigator.undock()
+        assert scene.wait() == "reached"
 
 
 def test_the_actions_dock_at_the_second_try_after_a_false_contact_and_undock(scene, action_peer):

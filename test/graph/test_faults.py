@@ -23,8 +23,6 @@ NOT_A_TYPE = 10
 
 
 class Plain(DiffbotNode):
-    """A node without topics."""
-
     def __init__(self, **options):
         super().__init__("plain", FaultConfig, **options)
 
@@ -53,8 +51,6 @@ def test_malformed_calls_and_times_are_refused_and_counted(nodes, capfd):
 
 
 class Drive(one_process.Fed):
-    """A controller that drives by poses of the test."""
-
     def __init__(self, nodes, parameters=None):
         super().__init__(nodes, ControllerNode, {"pose_timeout": 60.0, **(parameters or {})})
         self.commands = self.peer.subscribe(Twist, "cmd_vel", 100)

@@ -17,17 +17,14 @@ FAR = (600.0, -600.0, 0.0)
 A, B = (1.0, -4.0, 0.0), (-4.0, -3.0, 1.0)
 PATH = (-1.5, -4.5, 0.0), (0.5, -3.5, 0.5)
 RECORDED = {"/goal_pose", "/path", "/ground_truth", "/controller/status", "/controller/goal_results"}
-"""Topics that a report needs."""
 
 
 def wait_for_motion(driven):
-    """Wait until the robot is 0.1 m away from here."""
     before = driven.true_pose()
     driven.peer.spin_until(lambda: distance(before, driven.true_pose()) > 0.1, what="motion")
 
 
 def drive_to_all_ends(driven):
-    """Drive to goals that end in all ways."""
     driven.cancel()  # now, so that the controller has discovered this client when it names who cancelled a goal
     driven.send_stamped(A)
     wait_for_motion(driven)
@@ -69,7 +66,6 @@ def recorded(tmp_path_factory):
 
 
 def events_of(bag):
-    """Return kind and text of the report's events of goals."""
     (robot,) = page_data(read_bag(bag))["robots"]
     return [(kind, text) for _, kind, _, text in robot["events"] if kind in ("goal", "end")]
 

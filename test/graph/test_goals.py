@@ -31,7 +31,6 @@ def driven():
 
 @pytest.fixture(autouse=True)
 def _without_a_goal(driven):
-    """Begin without a goal of the previous test."""
     driven.cancel()
     driven.peer.spin_until(lambda: not goal_of(driven), what="no goal")
 

@@ -21,8 +21,6 @@ SECOND = 10**9
 
 
 class Node:
-    """Records what is published."""
-
     def __init__(self):
         self.sent = []
 

@@ -7,23 +7,20 @@ from importlib.util import find_spec
 
 import one_process
 import pytest
-from filter_input import R_FIX, START, fix, heading, joint_state, odometry
-from geometry_msgs.msg import Twist
+from filter_input import START, fix, heading, joint_state, odometry
+from geometry_msgs.msg import Twist, Vector3
 from nav_msgs.msg import Odometry, Path
 from rclpy.serialization import deserialize_message
-from robot import DEEP, pose_stamped
+from robot import DEEP, pose_stamped, twist
 
 from diffbot_control.controller_node import ControllerNode
 from diffbot_control.ekf_node import EkfNode
 from diffbot_control.goals.record import MAX_PATH_POSES
-from diffbot_core.uncertainty import Uncertainty
 from diffbot_sim.plant_node import PlantNode
 
 NAN, INF, HUGE = math.nan, math.inf, 1e308
 LONG = "x" * 100_000
 BAD_STAMP = {"header.stamp.sec": 2**31 - 1, "header.stamp.nanosec": 2**32 - 1}
-UNCERTAINTY = Uncertainty(math.sqrt(R_FIX[0, 0]), math.sqrt(R_FIX[2, 2]))
-"""Uncertainty of the poses that the controller receives."""
 
 POSES = [
     ({"header.frame_id": "elsewhere"}, "wrong frame_id"),
@@ -211,22 +208,18 @@ def test_corrections_of_a_goal_are_used_unless_they_are_old_repeated_or_far_away
 def test_bad_commands_do_not_change_the_motion_of_the_plant(nodes, capfd):
     fed = Spoiler(nodes, PlantNode, {"cmd_vel_timeout": 60.0, "drive_noise": 0.0})
     truths = nodes.peer.subscribe(Odometry, "ground_truth", DEEP)
-    good = Twist()
-    good.linear.x, good.angular.z = 0.4, 0.2
-
-    def twists():
-        truths.clear()
-        nodes.peer.spin_until(lambda: len(truths) > 3, what="steps")
-        return [(one.twist.twist.linear.x, one.twist.twist.angular.z) for one in truths]
+    good = Twist(linear=Vector3(x=0.4), angular=Vector3(z=0.2))
 
     def moves_at(v):
-        return all(twist == pytest.approx((v, 0.2)) for twist in twists())
+        return truths and twist(truths[-1].twist) == pytest.approx((v, 0.2))
 
     fed.send("cmd_vel", good)
     nodes.peer.spin_until(lambda: moves_at(0.4), what="motion")
     for field in ("linear.x", "angular.z"):
         for number, kind in ((NAN, "not finite"), (-INF, "not finite"), (HUGE, "out of range"), (-2e4, "out of range")):
             fed.spoil("cmd_vel", good, [({field: number}, f"velocity {kind}")])
+    truths.clear()
+    nodes.peer.spin_until(lambda: len(truths) > 3, what="steps")
     assert moves_at(0.4)
     # Only linear.x and angular.z mean anything to a robot with two wheels.
     fed.send("cmd_vel", changed(good, {"linear.x": 0.1, "linear.y": NAN, "angular.x": INF}))

@@ -13,7 +13,6 @@ from diffbot_tools.robot_description import RobotDescription, file_of_robot
 FILE = file_of_robot(RobotDescription(use_gyro=True), "my_robot.yaml")
 WARNING = re.compile(r"\[(WARN|ERROR|FATAL)\] \[[\d.]+\] \[(controller|ekf|plant)[].]")
 HARMLESS = "/clock", "no fix yet", "no odometry yet", "waiting for first fix: nothing arrives on"
-"""Warnings while the nodes discover each other."""
 
 
 def test_the_written_file_drives_along_a_path_within_its_limits(tmp_path, capfd):

@@ -27,7 +27,6 @@ PROCESSES = {
     "goal": ("goal_client",),
     "robot": ("ekf", "controller"),
 }
-"""Nodes of each enclave."""
 OF_ACTION = {"reply": "execute", "request": "call"}
 """Right of an action by the right of one of its services."""
 REPLAYED = {

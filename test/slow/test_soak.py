@@ -52,7 +52,6 @@ class Sampler(threading.Thread):
                     self.samples.setdefault((name, pid), []).append(found)
 
     def check(self):
-        """Stop the thread; fail if a process has grown."""
         self._ended.set()
         self.join()
         long = {key: found for key, found in self.samples.items() if len(found) >= MIN_SAMPLES}
@@ -67,7 +66,6 @@ class Sampler(threading.Thread):
 
 
 def strike(running, client, fault, rng):
-    """Cause a fault."""
     kind, name = fault
     if kind == "kill":
         running.processes[name].send(signal.SIGKILL)

@@ -112,7 +112,6 @@ class Robot:
         self.commands = []
 
     def start(self, name, parameters=None):
-        """Start one of the nodes and wait until it is ready."""
         process = self.launch(name, parameters)
         self.wait_until_ready(name)
         return process
@@ -134,7 +133,6 @@ class Robot:
         return process
 
     def launch_joined(self, names, parameters, arguments=(), **options):
-        """Start these nodes in one process without waiting."""
         ros = *graph.ros_arguments(parameters), *arguments, *self._remapped
         words = ("run", names[0], "--with", *names[1:], "--ros-args", *ros)
         process = self._stack.enter_context(graph.diffbot(*words, **options))
@@ -142,7 +140,6 @@ class Robot:
         self.launched.append(process)
 
     def state(self):
-        """Return the message of the controller's newest status."""
         return self.controller_states[-1].message if self.controller_states else ""
 
     def wait_for_state(self, state, timeout=15.0):
@@ -197,14 +194,12 @@ class Robot:
         return goal_id
 
     def wait_for_end(self, goal_id):
-        """Wait until a goal has ended; return end and reason."""
         return self.peer.spin_until(lambda: self.ends().get(goal_id), what="the end of the goal")
 
     def pause(self, paused):
         return self.peer.call(SetBool, "plant/pause", SetBool.Request(data=paused))
 
     def set_parameter(self, node, name, value):
-        """Change a parameter of a node; return the result."""
         request = SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()])
         return self.peer.call(SetParameters, f"{node}/set_parameters", request).results[0]
 

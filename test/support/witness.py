@@ -39,7 +39,6 @@ OUTPUTS = {
 
 
 def numbers_of(message):
-    """Return all floats of a message."""
     found = []
     for name in message.get_fields_and_field_types():
         value = getattr(message, name)
@@ -56,7 +55,6 @@ class Witness:
     """Keeps commands and true speeds with their times of receipt (monotonic), and checks every output."""
 
     def __init__(self, robot):
-        """Subscribe to the outputs with the test's node of the robot."""
         self.robot, self.peer = robot, robot.peer
         self.commands, self.truths = [], []
         self.non_finite = []
@@ -77,7 +75,6 @@ class Witness:
             self.truths.append((now, twist(message.twist)))
 
     def drive(self):
-        """Send the far goal and wait for motion."""
         # The last status of a killed controller may name the same goal.
         self.robot.controller_states.clear()
         self.robot.send_goal(*FAR, tries=5)
@@ -141,7 +138,6 @@ class Witness:
         return first_of_the_last_zeros() - since
 
     def kill(self, name, number=signal.SIGKILL):
-        """Send a signal to a node; return the time before."""
         process = self.robot.processes[name]
         since = self.mark()
         process.send(number)
