@@ -21,6 +21,8 @@ def written(text):
 
 
 BAD_FILES = {
+    # The seed is a parameter of the plant.
+    "a misspelt name": (written("/**: {ros__parameters: {seed: 1, hold_gaol: true}}"), "hold_gaol = True: must be"),
     "a value out of bounds": (written("/**/controller: {ros__parameters: {hold_goal: 3}}"), f"{NAME}, section /**/"),
     "too large": (written("/**: {ros__parameters: {\n" + "  a: 1,\n" * MAX_BYTES + "}}"), f"must be <= {MAX_BYTES}"),
     "a pipe": (os.mkfifo, "not a regular file"),

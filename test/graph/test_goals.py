@@ -32,7 +32,7 @@ def driven():
 @pytest.fixture(autouse=True)
 def _without_a_goal(driven):
     driven.cancel()
-    driven.peer.spin_until(lambda: not goal_of(driven), what="no goal")
+    driven.peer.spin_until(lambda: not driven.goal(), what="no goal")
 
 
 @pytest.fixture(scope="module")
@@ -41,10 +41,6 @@ def navigator():
     assert one.waitUntilReady(graph.PATIENCE)
     yield one
     one.close()
-
-
-def goal_of(driven):
-    return graph.values(driven.controller_states[-1]).get("goal", "") if driven.controller_states else ""
 
 
 def cancel_goal(driven, goal_id="0" * 32, sec=0):
@@ -56,7 +52,7 @@ def cancel_goal(driven, goal_id="0" * 32, sec=0):
 
 def test_a_command_that_is_interrupted_cancels_its_goal(driven):
     with graph.diffbot("goal", *map(str, FAR)) as command:
-        driven.peer.spin_until(lambda: "600 -600 0" in goal_of(driven), what="the goal")
+        driven.peer.spin_until(lambda: driven.goal() == FAR, what="the goal")
         assert command.stop(signal.SIGINT) == 130
         assert "interrupted: goal cancelled\n" in command.output
     driven.wait_for_state("idle")
@@ -176,7 +172,7 @@ def test_a_goal_that_cannot_be_used_is_refused_with_the_reason_and_changes_nothi
         assert driven.ends()[refused] == ("refused", reason)
         assert refused not in driven.accepted()
     assert driven.accepted()[present] == GoalStatus.STATUS_EXECUTING
-    assert "600 -600 0" in goal_of(driven)
+    assert driven.goal() == FAR
 
 
 def test_cancel_goal_follows_action_msgs(driven):
@@ -194,7 +190,7 @@ def test_cancel_goal_follows_action_msgs(driven):
     assert cancel_goal(driven, goal_id).return_code == response.ERROR_GOAL_TERMINATED
     driven.send_stamped(FAR)
     assert len(cancel_goal(driven).goals_canceling) == 1, "all"
-    driven.peer.spin_until(lambda: not goal_of(driven), what="rest")
+    driven.peer.spin_until(lambda: not driven.goal(), what="rest")
     assert cancel_goal(driven).return_code == response.ERROR_REJECTED
     goal_id = driven.send_stamped(FAR)
     driven.cancel()

@@ -142,6 +142,11 @@ class Robot:
     def state(self):
         return self.controller_states[-1].message if self.controller_states else ""
 
+    def goal(self):
+        """Return the goal that the controller's newest status names; empty without a goal."""
+        text = graph.values(self.controller_states[-1]).get("goal", "") if self.controller_states else ""
+        return tuple(map(float, text.split()))
+
     def wait_for_state(self, state, timeout=15.0):
         self.peer.spin_until(lambda: self.state() == state, timeout, f"the controller's state {state!r}")
 
@@ -160,11 +165,9 @@ class Robot:
         A controller that has just started may not have discovered this publisher yet, and needs more ``tries``.
         """
         self.peer.wait_for_subscribers(self.goals)
-        wanted = [round(float(number), 4) for number in goal]
 
         def known():
-            text = graph.values(self.controller_states[-1]).get("goal", "") if self.controller_states else ""
-            return [round(float(number), 4) for number in text.split()] == wanted
+            return self.goal() and np.allclose(self.goal(), goal, rtol=0.0, atol=5e-5)
 
         for left in reversed(range(tries)):
             self.goals.publish(pose_stamped(*goal))
