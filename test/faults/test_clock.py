@@ -103,6 +103,12 @@ def test_a_clock_that_jumps_ahead_does_not_end_the_goal(timed, trials, seeded):
         assert first - since <= trials.bound(1.0, timed.delay())
 
 
+def named(messages):
+    """Return True if the controller names the second clock in an error."""
+    found = [one for message in messages for one in message.status if one.name.endswith("controller")]
+    return any(one.level == DiagnosticStatus.ERROR and "second_clock" in one.message for one in found)
+
+
 @tried(10)
 def test_a_second_publisher_of_clock_stops_the_robot_and_is_named(timed, trials, seeded):
     for _ in timed.moments(trials, seeded):
@@ -111,5 +117,5 @@ def test_a_second_publisher_of_clock_stops_the_robot_and_is_named(timed, trials,
             timed.mark()
             since = second.start()
             first, delay = first_zero(timed, since), timed.delay()
-            timed.report_with("controller", "/clock", "second_clock", level=DiagnosticStatus.ERROR)
+            timed.peer.spin_until(lambda: named(timed.robot.diagnostics[-9:]), what="the second clock on /diagnostics")
         assert first - since <= trials.bound(LOST_INPUT, delay)

@@ -63,11 +63,9 @@ class Target:
         """number of all messages, good and hostile"""
 
     def make(self, topic):
-        """Return a good message with the next stamp."""
         return MAKERS[topic](round(START + 0.002 * next(self._ticks), 3))
 
     def send(self, topic, message):
-        """Publish a message."""
         self.publishers[topic].publish(message)
         self.sent += 1
 

@@ -30,8 +30,6 @@ class ActionPeer:
         peer.spin_until(self.client.server_is_ready, what=f"the action {name}")
 
     def send(self, on_feedback=lambda feedback: None, **fields):
-        """Send a goal and return its handle."""
-
         def ask():
             # Called again if the response was dropped, see Peer.call. Feedback of the first goal is then ignored.
             self.feedback = mine = []
@@ -46,7 +44,6 @@ class ActionPeer:
         return graph.wait_for(ask, what="the answer to a goal").result()
 
     def result(self, handle):
-        """Return status and result of a goal."""
         future = handle.get_result_async()
         self.peer.spin_until(future.done, what="the result")
         return future.result().status, future.result().result

@@ -1,38 +1,32 @@
 """Docking over DDS with three processes: faults of the detector, Nav2's actions, and which controller may drive."""
 
+import math
 import os
-import signal
+import random
 from contextlib import ExitStack
 
 import docks
 import graph
 import pytest
-import rclpy
 from action_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.action import get_action_server_names_and_types_by_node
 from repeated import tried
 from robot import LATCHED, pose_stamped
 
-from diffbot_control.goals.record import RESTART_TIMEOUT
-from diffbot_control.ros.goals.client import LOST, GoalClient, GoalTask
 from diffbot_control.ros.navigator import TaskResult
 from diffbot_core.geometry import Pose, out_of_frame
 
 DETECTED = {"use_dock_id": False, "navigate_to_staging_pose": False}
 """A goal of dock_robot for the dock that is detected."""
 FAULTS = [pytest.param(one, marks=() if one == docks.SWAPPED else pytest.mark.slow) for one in docks.FAULTS]
-"""The other faults are tested in every run with the docking law and the detections alone."""
 
 
 @pytest.fixture(scope="module")
 def scene(nav2_folder):
-    """Run the nodes, which can import nav2_msgs."""
     with pytest.MonkeyPatch.context() as patch, ExitStack() as stack:
         patch.setenv("PYTHONPATH", os.pathsep.join(filter(None, (str(nav2_folder), os.environ.get("PYTHONPATH")))))
-        rclpy.init()
-        stack.callback(rclpy.try_shutdown)
-        running = stack.enter_context(docks.Scene(seed=11))
+        running = docks.Scene(stack)
         running.peer = stack.enter_context(graph.peer())
         running.statuses = []
         running.navigator.create_subscription(DiagnosticStatus, "controller/status", running.statuses.append, LATCHED)
@@ -40,12 +34,10 @@ def scene(nav2_folder):
 
 
 def go_to(scene, x, y=0.0, yaw=0.0):
-    """Send a goal before the dock."""
     assert scene.navigator.goToPose(pose_stamped(*out_of_frame(Pose(x, y, yaw), docks.DOCK)))
 
 
 def drive_to(scene, x, y=0.0, yaw=0.0):
-    """Drive to a pose before the dock."""
     go_to(scene, x, y, yaw)
     assert scene.wait() == "reached"
 
@@ -53,15 +45,26 @@ def drive_to(scene, x, y=0.0, yaw=0.0):
 @tried(10)
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_robot_docks_exactly_or_reports_that_it_does_not(scene, fault, trials):
+    chance, detector, navigator = random.Random(11), scene.detector, scene.navigator
     for _ in trials:
-        done = scene.run(fault)
-        assert done.end, "no answer"
-        assert not done.is_beside, done
-        if fault in docks.HARMLESS:
-            assert done.end == done.undocking == "reached", done
-            assert done.contact is not None
-        else:
-            assert done.end.startswith(("not reached: ", "pose lost: ")), done
+        go_to(scene, chance.uniform(-3.0, -0.9), chance.uniform(-0.5, 0.5), chance.uniform(-0.7, 0.7))
+        scene.wait()
+        detector.begin(fault)
+        navigator.dock()
+        end = scene.wait()
+        detector.catch_up()
+        contact = detector.contact
+        detector.begin(docks.NONE)
+        if contact is not None:
+            assert abs(contact[0]) <= 0.02
+            assert abs(contact[1]) <= math.radians(2.0)
+        if fault != docks.NONE:
+            assert end.startswith(("not reached: ", "pose lost: "))
+            continue
+        assert end == "reached"
+        assert contact is not None
+        assert navigator.undock()
+        assert scene.wait() == "reached"
 
 
 def test_the_actions_dock_at_the_second_try_after_a_false_contact_and_undock(scene, action_peer):
@@ -143,29 +146,9 @@ def test_a_docking_cancels_the_goal_in_map_and_a_goal_in_map_cancels_the_docking
     assert navigator.wait_for_end(60.0)
     assert drive.text == "cancelled: by a call of /controller/cancel from /dock_controller"
     docking = navigator._docking
+    assert docking._restart_timeout == navigator._restart_timeout == graph.PATIENCE, "lost only after this time"
     go_to(scene, -1.5)
     assert docking.wait_for_end(60.0)
     assert docking.task.text == "cancelled: by a new goal of the controller in map"
     assert scene.wait() == "reached"
     assert navigator.getResult() == TaskResult.SUCCEEDED
-
-
-def test_the_client_of_a_docking_waits_for_its_controller_as_long_as_the_navigator(scene):
-    navigator = scene.navigator
-    drive_to(scene, -1.5)
-    assert navigator.dock()
-    docking = navigator._docking
-    impatient = GoalClient(
-        "impatient", controller="dock_controller", prefix="dock/", restart_timeout=2.0 * RESTART_TIMEOUT
-    )
-    impatient.task = GoalTask(docking.task.id)
-    process = scene.processes["docking"].popen
-    process.send_signal(signal.SIGSTOP)
-    try:
-        graph.wait_for(lambda: navigator.isTaskComplete() or impatient.wait_for_end(0.1), what="an end")
-    finally:
-        process.send_signal(signal.SIGCONT)
-        impatient.close(shut_down=False)
-    assert impatient.task.end == LOST
-    assert scene.wait()
-    assert docking.task.end != LOST

@@ -1,11 +1,11 @@
 """Malformed calls and times are refused, and an internal error stops the robot but not the node."""
 
-from functools import partial
 from types import SimpleNamespace
 
 import graph
 import one_process
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diffbot_core.parameter_groups import FaultConfig
 from filter_input import timed
 from geometry_msgs.msg import Twist
 from rcl_interfaces.msg import Parameter, ParameterValue
@@ -16,45 +16,41 @@ from rosgraph_msgs.msg import Clock
 from diffbot_control.controller_node import ControllerNode
 from diffbot_control.goals.supervisor import Supervisor
 from diffbot_core.ros import run as run_module
+from diffbot_core.ros.node import DiffbotNode
 from diffbot_core.ros.run import make_executor
-from diffbot_sim.plant_node import PlantNode
 
 NOT_A_TYPE = 10
-NAMES = ("controller", "plant")
+
+
+class Plain(DiffbotNode):
+    def __init__(self, **options):
+        super().__init__("plain", FaultConfig, **options)
 
 
 def test_malformed_calls_and_times_are_refused_and_counted(nodes, capfd):
-    peer = nodes.peer
-    for kind in (ControllerNode, PlantNode):
-        nodes.add(kind, {"use_sim_time": True})
-    found = peer.subscribe(DiagnosticArray, "/diagnostics", 100)
-    bad = Parameter(name="wheel_radius", value=ParameterValue(type=NOT_A_TYPE))
+    peer, node = nodes.peer, nodes.add(Plain, {"use_sim_time": True})
+    bad = Parameter(name="exit_on_error", value=ParameterValue(type=NOT_A_TYPE))
     good = Parameter(name="use_sim_time", value=ParameterValue(type=1, bool_value=True))
-    for name in NAMES:
-        request = SetParameters.Request(parameters=[good, bad, good])
-        results = peer.call(SetParameters, f"{name}/set_parameters", request).results
-        assert [result.successful for result in results] == [True, False, False]
-        assert "10 is not a valid Parameter.Type" in results[1].reason
-        request = SetParametersAtomically.Request(parameters=[bad])
-        assert not peer.call(SetParametersAtomically, f"{name}/set_parameters_atomically", request).result.successful
+    request = SetParameters.Request(parameters=[good, bad, good])
+    results = peer.call(SetParameters, "plain/set_parameters", request).results
+    assert [result.successful for result in results] == [True, False, False]
+    assert "10 is not a valid Parameter.Type" in results[1].reason
+    request = SetParametersAtomically.Request(parameters=[bad])
+    assert not peer.call(SetParametersAtomically, "plain/set_parameters_atomically", request).result.successful
     clocks, message = peer.publisher(Clock, "/clock"), Clock()
-    peer.wait_for_subscribers(clocks, count=2)
+    peer.wait_for_subscribers(clocks)
     message.clock.sec = -1
 
-    def reported(text):
-        # Best effort, and a subscriber may not have discovered this publisher yet: publish again and again.
-        clocks.publish(message)
-        reports = [one for array in found for one in array.status]
-        return {one.name.strip("/") for one in reports if any(text in key for key in graph.values(one))} == {*NAMES}
+    def counted():
+        clocks.publish(message)  # best effort: a message may be lost
+        calls = {"plain/set_parameters", "plain/set_parameters_atomically"}
+        return {topic for topic, _ in node.health.dropped} == {"/clock", *calls}
 
-    for text in ("/clock dropped", "set_parameters dropped"):
-        peer.spin_until(partial(reported, text), what=f"{text} in the reports of all")
+    peer.spin_until(counted, what="the drops")
     assert "Traceback" not in "".join(capfd.readouterr())
 
 
 class Drive(one_process.Fed):
-    """A controller that drives by poses of the test."""
-
     def __init__(self, nodes, parameters=None):
         super().__init__(nodes, ControllerNode, {"pose_timeout": 60.0, **(parameters or {})})
         self.commands = self.peer.subscribe(Twist, "cmd_vel", 100)
@@ -108,17 +104,10 @@ def test_unforeseen_error_stops_the_robot_is_reported_once_and_the_next_goal_is_
 def test_unforeseen_error_ends_the_node_with_status_1_if_exit_on_error_is_set(nodes, monkeypatch):
     drive = Drive(nodes, {"exit_on_error": True})
     drive.go()
-    monkeypatch.setattr(Supervisor, "on_pose", broken)
-    drive.step()
-    assert drive.node.exit_code == 1
-    drive.wait_for_stop()
-
-
-def test_error_of_a_timer_leaves_the_other_timers_running(nodes, monkeypatch):
-    drive = Drive(nodes)
-    drive.go()
     monkeypatch.setattr(Supervisor, "on_tick", broken)
-    nodes.peer.spin_until(lambda: drive.node.health.counted["internal errors"] >= 3, what="errors")
+    counted = drive.node.health.counted
+    nodes.peer.spin_until(lambda: counted["internal errors"] >= 3, what="errors of a timer that continues")
+    assert drive.node.exit_code == 1
     drive.wait_for_stop()
 
 

@@ -6,11 +6,10 @@ import time
 
 import graph
 import pytest
-from action_msgs.msg import GoalStatus, GoalStatusArray
+from action_msgs.msg import GoalStatus
 from action_msgs.srv import CancelGoal
-from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Path
-from robot import LATCHED, SIMULATED, distance, planar, pose_stamped, robot, stamped_goal, twist
+from robot import SIMULATED, distance, planar, pose_stamped, robot, stamped_goal, twist
 
 from diffbot_control.ros.navigator import Navigator, TaskResult
 from diffbot_tools import cli
@@ -26,18 +25,14 @@ UNKNOWN = "frame_of_nobody"
 @pytest.fixture(scope="module")
 def driven():
     with robot(PLANT, SIMULATED, SIMULATED, only=("robot", "plant"), joined=True) as one:
-        one.goal_states = one.peer.subscribe(GoalStatusArray, "controller/goal_status", LATCHED)
-        one.goal_results = one.peer.subscribe(DiagnosticArray, "controller/goal_results", LATCHED)
-        one.paths = one.peer.publisher(Path, "path")
         one.peer.spin_until(lambda: one.truths and one.poses, what="the first poses")
         yield one
 
 
 @pytest.fixture(autouse=True)
 def _without_a_goal(driven):
-    """Begin without a goal of the previous test."""
     driven.cancel()
-    driven.peer.spin_until(lambda: not goal_of(driven), what="no goal")
+    driven.peer.spin_until(lambda: not driven.goal(), what="no goal")
 
 
 @pytest.fixture(scope="module")
@@ -46,10 +41,6 @@ def navigator():
     assert one.waitUntilReady(graph.PATIENCE)
     yield one
     one.close()
-
-
-def goal_of(driven):
-    return graph.values(driven.controller_states[-1]).get("goal", "") if driven.controller_states else ""
 
 
 def cancel_goal(driven, goal_id="0" * 32, sec=0):
@@ -61,7 +52,7 @@ def cancel_goal(driven, goal_id="0" * 32, sec=0):
 
 def test_a_command_that_is_interrupted_cancels_its_goal(driven):
     with graph.diffbot("goal", *map(str, FAR)) as command:
-        driven.peer.spin_until(lambda: "600 -600 0" in goal_of(driven), what="the goal")
+        driven.peer.spin_until(lambda: driven.goal() == FAR, what="the goal")
         assert command.stop(signal.SIGINT) == 130
         assert "interrupted: goal cancelled\n" in command.output
     driven.wait_for_state("idle")
@@ -153,119 +144,68 @@ def test_the_navigator_sets_the_initial_pose(driven, navigator):
         assert navigator.setInitialPose(pose, sigma_xy=0.01, timeout=graph.PATIENCE)
 
 
-def states(driven):
-    """Return the status of each goal by its id in the newest goal_status."""
-    driven.catch_up()
-    newest = driven.goal_states[-1].status_list if driven.goal_states else []
-    return {bytes(one.goal_info.goal_id.uuid).hex(): one.status for one in newest}
-
-
-def results(driven):
-    """Return end and reason of each goal by its id in the newest goal_results."""
-    newest = driven.goal_results[-1].status if driven.goal_results else []
-    return {one.name: (one.message, graph.values(one)["reason"]) for one in newest}
-
-
-def send(driven, *poses, **options):
-    """Send a goal until it is in goal_status or goal_results; return its id."""
-    goal_id, message = stamped_goal(*poses, **options)
-    publisher = driven.goals if len(poses) == 1 else driven.paths
-    driven.peer.wait_for_subscribers(publisher)
-    publisher.publish(message)
-    driven.peer.spin_until(lambda: goal_id in states(driven) or goal_id in results(driven), what="the goal")
-    return goal_id
-
-
 def test_a_repeated_message_is_the_same_goal_even_after_the_end_of_the_goal(driven):
     at = time.time_ns()
-    goal_id = send(driven, FAR, at=at)
+    goal_id = driven.send_stamped(FAR, at=at)
     driven.goals.publish(stamped_goal(FAR, at=at)[1])
-    newer = send(driven, NEAR)
-    assert results(driven)[goal_id] == ("replaced", "by a newer goal (goal_pose)")
+    newer = driven.send_stamped(NEAR)
+    assert driven.ends()[goal_id] == ("replaced", "by a newer goal (goal_pose)")
     driven.goals.publish(stamped_goal(FAR, at=at)[1])
-    driven.peer.spin_until(lambda: results(driven).get(newer), what="the end of the newer goal")
-    assert results(driven)[newer] == ("reached", ""), "the older goal was not started again"
-    assert states(driven)[goal_id] == GoalStatus.STATUS_ABORTED
+    assert driven.wait_for_end(newer) == ("reached", ""), "the older goal was not started again"
+    assert driven.accepted()[goal_id] == GoalStatus.STATUS_ABORTED
     assert int(driven.diagnosis("controller")["goals that are known already"]) >= 2
     # Without a stamp, each message is a new goal.
-    before = set(states(driven))
+    before = set(driven.accepted())
     driven.send_goal(*FAR)
     driven.send_goal(*FAR)
-    driven.peer.spin_until(lambda: len(set(states(driven)) - before) == 2, what="two goals")
+    driven.peer.spin_until(lambda: len(set(driven.accepted()) - before) == 2, what="two goals")
 
 
 def test_a_goal_that_cannot_be_used_is_refused_with_the_reason_and_changes_nothing(driven):
-    present = send(driven, FAR)
+    present = driven.send_stamped(FAR)
     for poses, frame, reason in (
         ([(float("nan"), 0.0, 0.0)], "map", "position not finite: nan"),
         ([FAR], "", "wrong frame_id: '', not 'map'"),
         ([NEAR] * 2001, "map", "path too long: 2001 poses, at most 2000"),
     ):
-        refused = send(driven, *poses, frame=frame)
-        assert results(driven)[refused] == ("refused", reason)
-        assert refused not in states(driven)
-    assert states(driven)[present] == GoalStatus.STATUS_EXECUTING
-    assert "600 -600 0" in goal_of(driven)
+        refused = driven.send_stamped(*poses, frame=frame)
+        assert driven.ends()[refused] == ("refused", reason)
+        assert refused not in driven.accepted()
+    assert driven.accepted()[present] == GoalStatus.STATUS_EXECUTING
+    assert driven.goal() == FAR
 
 
 def test_cancel_goal_follows_action_msgs(driven):
-    goal_id = send(driven, FAR)
+    goal_id = driven.send_stamped(FAR)
     response = CancelGoal.Response
     assert cancel_goal(driven, "1" * 32).return_code == response.ERROR_UNKNOWN_GOAL_ID
     assert cancel_goal(driven, sec=1).return_code == response.ERROR_REJECTED, "no goal is that old"
-    assert states(driven)[goal_id] == GoalStatus.STATUS_EXECUTING
+    assert driven.accepted()[goal_id] == GoalStatus.STATUS_EXECUTING
     answer = cancel_goal(driven, goal_id)
     assert answer.return_code == response.ERROR_NONE
     assert [bytes(info.goal_id.uuid).hex() for info in answer.goals_canceling] == [goal_id]
-    end, reason = driven.peer.spin_until(lambda: results(driven).get(goal_id), what="the end")
+    end, reason = driven.wait_for_end(goal_id)
     assert end == "cancelled"
     assert re.fullmatch(r"by a call of /controller/cancel_goal from (/\w+ or )*/peer", reason)
     assert cancel_goal(driven, goal_id).return_code == response.ERROR_GOAL_TERMINATED
-    send(driven, FAR)
+    driven.send_stamped(FAR)
     assert len(cancel_goal(driven).goals_canceling) == 1, "all"
-    driven.peer.spin_until(lambda: not goal_of(driven), what="rest")
+    driven.peer.spin_until(lambda: not driven.goal(), what="rest")
     assert cancel_goal(driven).return_code == response.ERROR_REJECTED
-    goal_id = send(driven, FAR)
+    goal_id = driven.send_stamped(FAR)
     driven.cancel()
-    driven.peer.spin_until(lambda: results(driven).get(goal_id), what="the end")
-    assert results(driven)[goal_id] == ("cancelled", "by a call of /controller/cancel from /peer")
-    send(driven, FAR)
+    assert driven.wait_for_end(goal_id) == ("cancelled", "by a call of /controller/cancel from /peer")
+    driven.send_stamped(FAR)
     assert len(cancel_goal(driven, sec=2**31 - 1).goals_canceling) == 1, "all until then"
     driven.peer.spin_until(lambda: driven.commands and twist(driven.commands[-1]) == (0.0, 0.0), what="rest")
 
 
 def test_each_goal_of_a_flood_is_answered_and_the_robot_drives_to_the_newest(driven):
-    sent = [stamped_goal((50.0 + number, 0.0, 0.0)) for number in range(30)]
-    driven.peer.wait_for_subscribers(driven.goals)
-    ended, burst = {}, 8  # fewer than the queues of the topic hold
-
-    def known(goal_id):
-        driven.catch_up()
-        for message in driven.goal_results:
-            ended.update({one.name: one.message for one in message.status})
-        return goal_id in ended or goal_id in states(driven)
-
-    for first in range(0, len(sent), burst):
-        for _, message in sent[first : first + burst]:
-            driven.goals.publish(message)
-        driven.peer.spin_until(lambda last=sent[first : first + burst][-1][0]: known(last), what="the newest goal")
-    driven.peer.spin_until(
-        lambda: known(sent[-1][0]) and all(goal_id in ended for goal_id, _ in sent[:-1]), what="the answers"
-    )
-    assert {ended[goal_id] for goal_id, _ in sent[:-1]} == {"replaced"}
-    assert states(driven)[sent[-1][0]] == GoalStatus.STATUS_EXECUTING
-
-
-def test_a_late_subscriber_receives_states_and_ends(driven):
-    goal_id = send(driven, FAR)
-    send(driven, FAR)  # not reached before the late subscriber exists
-    with graph.peer("late") as late:
-        states = late.subscribe(GoalStatusArray, "controller/goal_status", LATCHED)
-        results = late.subscribe(DiagnosticArray, "controller/goal_results", LATCHED)
-        late.spin_until(lambda: states and results, what="the latched messages")
-        by_id = {bytes(one.goal_info.goal_id.uuid).hex(): one.status for one in states[-1].status_list}
-        assert by_id[goal_id] == GoalStatus.STATUS_ABORTED
-        assert states[-1].status_list[-1].status == GoalStatus.STATUS_EXECUTING
-        ends = {one.name: one for one in results[-1].status}
-        assert ends[goal_id].message == "replaced"
-        assert graph.values(ends[goal_id])["reason"] == "by a newer goal (goal_pose)"
+    sent = [stamped_goal((50.0 + number, 0.0, 0.0)) for number in range(8)]  # fewer than the queues of the topic hold
+    for _, message in sent:
+        driven.goals.publish(message)
+    *older, newest = (goal_id for goal_id, _ in sent)
+    driven.peer.spin_until(lambda: newest in driven.accepted(), what="the newest goal")
+    ends = {one.name: one.message for message in driven.goal_results for one in message.status}
+    assert {ends.get(goal_id) for goal_id in older} == {"replaced"}
+    assert driven.accepted()[newest] == GoalStatus.STATUS_EXECUTING

@@ -20,7 +20,6 @@ CONTROLLER = {"linear.x.max_velocity": 1.3, "pose_timeout": 60.0, **SIMULATED}
 
 
 def nav2_environment(folder, **changes):
-    """Return the environment of a process that can import nav2_msgs."""
     environment = graph.environment(**changes)
     environment["PYTHONPATH"] += f":{folder}"
     return environment

@@ -5,35 +5,22 @@ import math
 from collections import Counter
 from importlib.util import find_spec
 
-import numpy as np
 import one_process
 import pytest
-from filter_input import R_FIX, START, VARIANCES, fix, heading, joint_state, odometry
-from geometry_msgs.msg import Twist
+from filter_input import START, fix, heading, joint_state, odometry
+from geometry_msgs.msg import Twist, Vector3
 from nav_msgs.msg import Odometry, Path
 from rclpy.serialization import deserialize_message
-from robot import DEEP, planar, pose_stamped, stamp
+from robot import DEEP, pose_stamped, twist
 
 from diffbot_control.controller_node import ControllerNode
 from diffbot_control.ekf_node import EkfNode
-from diffbot_control.filter.config import LocalizationConfig
-from diffbot_control.filter.localization import Localization
-from diffbot_control.filter.measurement import heading as heading_of
-from diffbot_control.filter.measurement import pose_fix
-from diffbot_control.filter.odometry import OdometryStep
 from diffbot_control.goals.record import MAX_PATH_POSES
-from diffbot_control.law import CONTACT_UNKNOWN, PRESETS, Observation, new_memory, step
-from diffbot_core.geometry import Pose
-from diffbot_core.kinematics import Twist as TwistValue
-from diffbot_core.kinematics import TwistCovariance, WheelGeometry, WheelSpeeds, body_twist, encoder_covariance
-from diffbot_core.uncertainty import Estimate, Uncertainty
 from diffbot_sim.plant_node import PlantNode
 
 NAN, INF, HUGE = math.nan, math.inf, 1e308
 LONG = "x" * 100_000
 BAD_STAMP = {"header.stamp.sec": 2**31 - 1, "header.stamp.nanosec": 2**32 - 1}
-UNCERTAINTY = Uncertainty(math.sqrt(R_FIX[0, 0]), math.sqrt(R_FIX[2, 2]))
-"""Uncertainty of the poses that the controller receives."""
 
 POSES = [
     ({"header.frame_id": "elsewhere"}, "wrong frame_id"),
@@ -122,29 +109,18 @@ class Spoiler(one_process.Fed):
         assert max(map(len, lines)) < 400
 
 
-@pytest.mark.parametrize("source", ["odom", "joint_states"])
-def test_bad_messages_do_not_change_the_estimate(nodes, source, capfd):
+@pytest.mark.parametrize(
+    ("source", "motion", "cases"), [("odom", odometry, ODOMETRIES), ("joint_states", joint_state, JOINT_STATES)]
+)
+def test_bad_messages_do_not_change_the_estimate(nodes, source, motion, cases, capfd):
     fed = Spoiler(nodes, EkfNode, {"odometry_source": source, "reliable_inputs": True})
-    reference, wheels, speeds = Localization(LocalizationConfig()), WheelGeometry(), WheelSpeeds(5.0, 6.0)
-    motion, cases, twist, covariance = odometry, ODOMETRIES, TwistValue(0.4, 0.1), TwistCovariance(*VARIANCES)
-    if source == "joint_states":
-        motion, cases = joint_state, JOINT_STATES
-        twist, covariance = body_twist(speeds, wheels), encoder_covariance(speeds, 0.05, wheels)
-
-    def move(time):
-        fed.send(source, motion(time))
-        expected = reference.on_odometry(OdometryStep(round(time * 1e9), twist, covariance))
-        found = fed.node.localization.estimate()
-        assert found.pose == pytest.approx(expected.pose, abs=1e-9)
-        assert pytest.approx(expected.P, abs=1e-9) == found.P
-
     # Neither a bad fix nor odometry without a fix starts the filter.
     fed.spoil("global_pose", fix(START), ESTIMATES[:3])
     fed.spoil(source, motion(START), [({}, "no fix yet")])
+    assert not fed.node.localization.initialised
     fed.send("global_pose", fix())
-    reference.on_measurement(pose_fix(stamp(fix()), Pose(*planar(fix().pose.pose)), R_FIX))
-    move(START + 0.1)
-    time = START + 0.2
+    fed.send(source, motion(START + 0.1))
+    before, time = fed.node.localization.estimate(), START + 0.2
     without_covariance = {"pose.covariance": [0.0] * 36}, "covariance is zero"
     fed.spoil("global_pose", fix(time), [*ESTIMATES, ZERO_STAMP, without_covariance])
     fed.spoil("initialpose", fix(time), ESTIMATES)
@@ -152,36 +128,35 @@ def test_bad_messages_do_not_change_the_estimate(nodes, source, capfd):
     fed.spoil(source, motion(time), cases)
     fed.spoil(source, motion(START - 0.25), [({}, "out of order")])
     fed.spoil("global_pose", fix(START - 5.0), [({}, "too old")])
+    after = fed.node.localization.estimate()
+    assert after.pose == before.pose
+    assert (after.P == before.P).all()
+    # Good messages with the stamps of bad messages are accepted.
     fed.send("heading", heading(time))
-    reference.on_measurement(heading_of(round(time * 1e9), 0.6, np.array([[0.01]])))
-    move(time)
+    fed.send(source, motion(time))
+    assert (fed.node.health.accepted["heading"], fed.node.health.accepted[source]) == (1, 2)
     fed.check_drops(capfd.readouterr().err)
 
 
-def filtered(time, *pose):
+def filtered(time):
     message = Odometry(child_frame_id="base_link")
-    estimate = fix(time, *pose)
-    message.header, message.pose = estimate.header, estimate.pose
+    message.header, message.pose = fix(time).header, fix(time).pose
     return message
 
 
 def test_bad_messages_do_not_change_the_commands(nodes, capfd):
     fed = Spoiler(nodes, ControllerNode, {"pose_source": "odometry", "pose_timeout": 60.0})
     commands = nodes.peer.subscribe(Twist, "cmd_vel", DEEP)
-    goal, memory = Pose(5.0, 1.0, 0.3), new_memory()
     fed.send("odometry/filtered", filtered(START))
-    fed.send("goal_pose", pose_stamped(*goal))
-    for number in (1, 2):
-        pose = Pose(0.01 * number, 0.5, 0.2)
-        fed.send("odometry/filtered", filtered(START + 0.1 * number, *pose))
-        nodes.peer.spin_until(lambda number=number: len(commands) >= number, what="a command")
-        observation = Observation(Estimate(pose, UNCERTAINTY), 0.1, 0.1, CONTACT_UNKNOWN)
-        memory, command, _ = step(memory, observation, goal, PRESETS["tuned"].config)
-        assert len(commands) == number, "one pose, one command"
-        assert (commands[-1].linear.x, commands[-1].angular.z) == pytest.approx(tuple(command), abs=1e-9)
-        if number == 1:
-            fed.spoil("odometry/filtered", filtered(START + 0.2), ESTIMATES + FILTERED)
-            fed.spoil("goal_pose", pose_stamped(0.0, 0.0, 0.0), GOALS)
+    fed.send("goal_pose", pose_stamped(5.0, 1.0, 0.3))
+    fed.send("odometry/filtered", filtered(START + 0.1))
+    fed.spoil("odometry/filtered", filtered(START + 0.2), ESTIMATES + FILTERED)
+    fed.spoil("goal_pose", pose_stamped(0.0, 0.0, 0.0), GOALS)
+    fed.send("odometry/filtered", filtered(START + 0.2))
+    nodes.peer.spin_until(lambda: len(commands) >= 2, what="two commands")
+    assert len(commands) == 2, "one good pose with a goal, one command"
+    assert commands[1] == commands[0] != Twist(), "the same pose, the same command"
+    assert fed.node.supervisor.goal == pytest.approx((5.0, 1.0, 0.3))
     fed.check_drops(capfd.readouterr().err)
 
 
@@ -193,7 +168,7 @@ def test_a_path_of_too_many_poses_is_refused_before_it_is_read(nodes, monkeypatc
     message = Path()
     message.header.frame_id = "map"
     for count in (MAX_PATH_POSES, MAX_PATH_POSES + 1, 8 * MAX_PATH_POSES):
-        message.poses = [pose_stamped(float(number), 0.0, 0.0) for number in range(count)]
+        message.poses = [pose_stamped(1.0, 0.0, 0.0)] * count
         fed.send("path", message)
     health = fed.node.health
     assert (health.accepted["path"], health.dropped["path", "path too long"]) == (1, 2)
@@ -233,22 +208,18 @@ def test_corrections_of_a_goal_are_used_unless_they_are_old_repeated_or_far_away
 def test_bad_commands_do_not_change_the_motion_of_the_plant(nodes, capfd):
     fed = Spoiler(nodes, PlantNode, {"cmd_vel_timeout": 60.0, "drive_noise": 0.0})
     truths = nodes.peer.subscribe(Odometry, "ground_truth", DEEP)
-    good = Twist()
-    good.linear.x, good.angular.z = 0.4, 0.2
-
-    def twists():
-        truths.clear()
-        nodes.peer.spin_until(lambda: len(truths) > 3, what="steps")
-        return [(one.twist.twist.linear.x, one.twist.twist.angular.z) for one in truths]
+    good = Twist(linear=Vector3(x=0.4), angular=Vector3(z=0.2))
 
     def moves_at(v):
-        return all(twist == pytest.approx((v, 0.2)) for twist in twists())
+        return truths and twist(truths[-1].twist) == pytest.approx((v, 0.2))
 
     fed.send("cmd_vel", good)
     nodes.peer.spin_until(lambda: moves_at(0.4), what="motion")
     for field in ("linear.x", "angular.z"):
         for number, kind in ((NAN, "not finite"), (-INF, "not finite"), (HUGE, "out of range"), (-2e4, "out of range")):
             fed.spoil("cmd_vel", good, [({field: number}, f"velocity {kind}")])
+    truths.clear()
+    nodes.peer.spin_until(lambda: len(truths) > 3, what="steps")
     assert moves_at(0.4)
     # Only linear.x and angular.z mean anything to a robot with two wheels.
     fed.send("cmd_vel", changed(good, {"linear.x": 0.1, "linear.y": NAN, "angular.x": INF}))

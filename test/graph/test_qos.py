@@ -6,12 +6,10 @@ from pathlib import Path
 import graph
 import one_process
 import pytest
-from filter_input import START, fix, heading, joint_state, odometry
+from filter_input import fix
 from geometry_msgs.msg import Twist
-from nav_msgs.msg import Odometry
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from robot import pose_stamped
-from sensor_msgs.msg import PointCloud2
 
 from diffbot_control.controller_node import ControllerNode
 from diffbot_control.ekf_node import EkfNode
@@ -19,64 +17,47 @@ from diffbot_sim.plant_node import PlantNode
 
 BEST_EFFORT = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
 RELIABLE = QoSProfile(depth=10)
-LANDMARKS = {"landmark_ids": [7], "landmark_x": [3.0], "landmark_y": [2.0]}
-CASES = [
-    (
-        EkfNode,
-        LANDMARKS,
-        (odometry(START), fix(), heading(), PointCloud2()),
-        ("odom", "global_pose", "heading", "landmarks"),
-    ),
-    (EkfNode, {"odometry_source": "joint_states"}, (joint_state(START),), ("joint_states",)),
-    (ControllerNode, {}, (fix(),), ("pose",)),
-    (ControllerNode, {"pose_source": "odometry"}, (odometry(START),), ("odometry/filtered",)),
-]
-OUTPUTS = {
-    # RViz2, Nav2 and robot_localization request reliable delivery of these.
-    **dict.fromkeys(
-        ("cmd_vel", "pose", "odometry/filtered", "odom", "global_pose", "heading"), ("RELIABLE", "VOLATILE")
-    ),
-    **dict.fromkeys(("ekf/status", "controller/status"), ("RELIABLE", "TRANSIENT_LOCAL")),
+ALL_INPUTS = {
+    EkfNode: {"landmark_ids": [7], "landmark_x": [3.0], "landmark_y": [2.0], "use_gyro": True},
+    ControllerNode: {},
+    PlantNode: {"start_paused": True},
 }
+OTHER_INPUTS = {EkfNode: {"odometry_source": "joint_states"}, ControllerNode: {"pose_source": "odometry"}}
+SENSORS = ("odom", "joint_states", "global_pose", "heading", "imu", "landmarks", "pose", "odometry/filtered")
+RELIABLE_OUTPUTS = ("cmd_vel", "pose", "odometry/filtered", "odom", "global_pose", "heading")
+"""RViz2, Nav2 and robot_localization request reliable delivery of these."""
+LATCHED_OUTPUTS = ("ekf/status", "controller/status", "controller/goal_status", "controller/goal_results")
 
 
-@pytest.mark.parametrize(("kind", "parameters", "messages", "topics"), CASES, ids=[case[3][0] for case in CASES])
-def test_sensors_are_received_from_best_effort_and_from_reliable_publishers(nodes, kind, parameters, messages, topics):
-    fed = one_process.Fed(nodes, kind, parameters)
-    for message, topic in zip(messages, topics, strict=True):
-        for count, qos in enumerate((BEST_EFFORT, RELIABLE), 1):
-            publisher = nodes.peer.publisher(type(message), topic, qos)
-            nodes.peer.wait_for_subscribers(publisher)
-            publisher.publish(message)
-            nodes.peer.spin_until(lambda: fed.handled(topic) == count, what=f"message {count} on {topic}")  # noqa: B023
-            nodes.peer.node.destroy_publisher(publisher)
-
-
-def test_reliable_inputs_do_not_receive_from_best_effort_publishers(nodes):
-    fed = one_process.Fed(nodes, EkfNode, {"reliable_inputs": True})
-    weak = nodes.peer.publisher(Odometry, "odom", BEST_EFFORT)
-    fed.send("odom", odometry(START))
-    assert weak.get_subscription_count() == 0
-
-
-def test_publishers_offer_what_rviz_nav2_and_robot_localization_request_unless_overridden(nodes):
+def test_nodes_receive_from_any_publisher_and_offer_what_other_nodes_request_unless_overridden(nodes):
+    """A best-effort subscription receives from best-effort and from reliable publishers."""
     overrides = {
         "qos_overrides./r7/odom.subscription.reliability": "reliable",
         "qos_overrides./r7/pose.publisher.reliability": "best_effort",
     }
-    for kind, parameters in ((EkfNode, {}), (ControllerNode, {}), (PlantNode, {"start_paused": True})):
+    for kind, parameters in ALL_INPUTS.items():
         nodes.add(kind, parameters)
+    for kind, parameters in OTHER_INPUTS.items():
+        nodes.add(kind, parameters, ("-r", "__node:=other"))
     nodes.add(EkfNode, overrides, ("-r", "__ns:=/r7"))
+    nodes.add(EkfNode, {"reliable_inputs": True}, ("-r", "__ns:=/r8"))
+    peer = nodes.peer.node
 
-    def profile(topic, find=nodes.peer.node.get_publishers_info_by_topic):
-        (info,) = nodes.peer.spin_until(lambda: find(topic), what=f"an end of {topic}")
-        return info.qos_profile.reliability.name, info.qos_profile.durability.name
+    def profiles(topic, find):
+        infos = nodes.peer.spin_until(lambda: find(topic), what=f"an end of {topic}")
+        return {(info.qos_profile.reliability.name, info.qos_profile.durability.name) for info in infos}
 
-    assert {topic: profile(f"/{topic}") for topic in OUTPUTS} == OUTPUTS
-    assert profile("/r7/pose")[0] == "BEST_EFFORT"
-    subscriptions = nodes.peer.node.get_subscriptions_info_by_topic
-    assert profile("/r7/odom", subscriptions)[0] == "RELIABLE"
-    assert profile("/r7/heading", subscriptions)[0] == "BEST_EFFORT"
+    subscriptions, publishers = peer.get_subscriptions_info_by_topic, peer.get_publishers_info_by_topic
+    for topic in SENSORS:
+        assert profiles(f"/{topic}", subscriptions) == {("BEST_EFFORT", "VOLATILE")}, topic
+    for topic in RELIABLE_OUTPUTS:
+        assert profiles(f"/{topic}", publishers) == {("RELIABLE", "VOLATILE")}, topic
+    for topic in LATCHED_OUTPUTS:
+        assert profiles(f"/{topic}", publishers) == {("RELIABLE", "TRANSIENT_LOCAL")}, topic
+    assert profiles("/r7/pose", publishers) == {("BEST_EFFORT", "VOLATILE")}
+    assert profiles("/r7/odom", subscriptions) == {("RELIABLE", "VOLATILE")}
+    assert profiles("/r7/heading", subscriptions) == {("BEST_EFFORT", "VOLATILE")}
+    assert profiles("/r8/odom", subscriptions) == {("RELIABLE", "VOLATILE")}
 
 
 @pytest.mark.parametrize(("qos", "zeros"), [(RELIABLE, 1), (BEST_EFFORT, 3)])

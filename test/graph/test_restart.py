@@ -6,8 +6,8 @@ from contextlib import closing
 from types import SimpleNamespace
 
 import graph
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from robot import LATCHED, ON_TRUTH, TRUE_POSES, distance, pose_stamped, robot
+from diagnostic_msgs.msg import DiagnosticStatus
+from robot import ON_TRUTH, TRUE_POSES, distance, pose_stamped, robot
 
 from diffbot_control import controller_node
 from diffbot_control.controller_node import ControllerNode
@@ -26,7 +26,6 @@ def test_a_goal_is_lost_for_its_clients_if_the_controller_is_suspended_or_killed
         closing(GoalClient.in_own_context(node_name="patient", restart_timeout=graph.PATIENCE)) as patient,
         robot(PLANT, only=("plant",)) as running,
     ):
-        results = running.peer.subscribe(DiagnosticArray, "controller/goal_results", LATCHED)
         controller = running.launch("controller", ON_TRUTH, TRUE_POSES)
         running.wait_until_ready("controller")
 
@@ -37,10 +36,9 @@ def test_a_goal_is_lost_for_its_clients_if_the_controller_is_suspended_or_killed
         finally:
             controller.send(signal.SIGCONT)
         assert (suspended.end, suspended.reason) == (LOST, "the controller is gone")
-        running.peer.spin_until(lambda: results and results[-1].status, what="the end")
-        (answer,) = results[-1].status
-        assert (answer.name, answer.message) == (suspended.id, "not reached")
-        assert graph.values(answer)["reason"].startswith("the controller was suspended for ")
+        end, reason = running.wait_for_end(suspended.id)
+        assert end == "not reached"
+        assert reason.startswith("the controller was suspended for ")
 
         killed = waiting.send_goal([GOAL])
         patient.task = GoalTask(killed.id)

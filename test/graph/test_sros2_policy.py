@@ -27,7 +27,6 @@ PROCESSES = {
     "goal": ("goal_client",),
     "robot": ("ekf", "controller"),
 }
-"""Nodes of each enclave."""
 OF_ACTION = {"reply": "execute", "request": "call"}
 """Right of an action by the right of one of its services."""
 REPLAYED = {
@@ -122,30 +121,14 @@ def test_the_policy_allows_exactly_what_the_running_nodes_use(observer):
     observer.comes_true(lambda: needed_by_nodes(observer.node) == allowed_by(policy), graph.PATIENCE)
     needed = needed_by_nodes(observer.node)
     assert sorted(allowed_by(policy) ^ needed) == []
-    # The comparison finds each missing line, and an additional line.
-    for group in list(policy.iterfind(".//profile/*")):
-        for line in list(group):
-            group.remove(line)
-            assert [name for *_, name in allowed_by(policy) ^ needed] == [line.text]
-            group.append(line)
-        ET.SubElement(group, "topic").text = "another"
-        assert [name for *_, name in allowed_by(policy) ^ needed] == ["another"]
-        group.remove(group[-1])
 
 
 @pytest.mark.usefixtures("kept_signal_handlers")
 def test_a_node_with_unusable_keys_does_not_start_and_reports_why_in_one_line(tmp_path, capfd, monkeypatch):
     """The keys are empty files. The middleware of the wheels is built without DDS Security and refuses all keys."""
     (tmp_path / "enclaves").mkdir()
-    names = (
-        "identity_ca.cert.pem",
-        "permissions_ca.cert.pem",
-        "cert.pem",
-        "key.pem",
-        "governance.p7s",
-        "permissions.p7s",
-    )
-    for name in names:
+    certificates = "identity_ca.cert.pem", "permissions_ca.cert.pem", "cert.pem"
+    for name in (*certificates, "key.pem", "governance.p7s", "permissions.p7s"):
         (tmp_path / "enclaves" / name).touch()
     monkeypatch.setenv("ROS_SECURITY_KEYSTORE", str(tmp_path))
     monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")

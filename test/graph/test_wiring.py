@@ -1,4 +1,4 @@
-"""Faults of the wiring around the controller: commands that no base receives, inputs without a matching publisher."""
+"""Faults of the wiring: commands that no base receives, inputs without a matching publisher, second publishers."""
 
 import contextlib
 import json
@@ -17,6 +17,7 @@ from diffbot_bag.recorder_node import RecorderNode
 from diffbot_control.controller_node import ControllerNode
 from diffbot_control.ekf_node import EkfNode
 from diffbot_core.endpoints import TWIST, TWIST_STAMPED
+from diffbot_core.ros import watches
 from diffbot_sim.plant_node import PlantNode
 from diffbot_tools import cli
 
@@ -30,6 +31,7 @@ def nodes(nodes):
     nodes.ekf_states = nodes.peer.subscribe(DiagnosticStatus, "ekf/status", LATCHED)
     nodes.results = nodes.peer.subscribe(DiagnosticArray, "controller/goal_results", LATCHED)
     nodes.goals = nodes.peer.publisher(PoseStamped, "goal_pose")
+    nodes.reports = nodes.peer.subscribe(DiagnosticArray, "/diagnostics", 100)
     return nodes
 
 
@@ -102,14 +104,6 @@ def test_the_type_is_kept_and_the_remedy_is_named_if_another_node_of_the_process
     recorder.destroy_node()
 
 
-def test_a_fixed_type_that_the_base_does_not_receive_is_named_in_status_and_log(nodes, capfd):
-    nodes.add(ControllerNode, {"cmd_vel_type": "twist"})
-    text = "/base_twiststamped subscribes to /cmd_vel as TwistStamped, but the commands are Twist: set cmd_vel_type to"
-    with base(TwistStamped):
-        wait_for_problem(nodes, text)
-    assert capfd.readouterr().err.count(text) == 1
-
-
 def test_a_goal_without_base_and_filter_names_both_and_the_topic_that_a_base_receives(nodes):
     nodes.add(ControllerNode, IMPATIENT)
     with base(TwistStamped, topic="diff_drive_controller/cmd_vel"):
@@ -122,40 +116,24 @@ def test_a_goal_without_base_and_filter_names_both_and_the_topic_that_a_base_rec
         )
 
 
-@pytest.mark.parametrize(
-    ("kind", "topic", "fields", "parameters", "reason"),
-    [
-        (
-            Odometry,
-            "odom",
-            {"child_frame_id": "base_footprint"},
-            {},
-            "drops odom: wrong child_frame_id: 'base_footprint', not 'base_link': set base_link_frame",
-        ),
-        (PoseStamped, "global_pose", {}, {}, "publishes /global_pose as PoseStamped: convert it to"),
-        (
-            Odometry,
-            "odom",
-            {"child_frame_id": "base_link"},
-            {"reliable_inputs": True},
-            "does not publish /odom as reliable, which /ekf requests",
-        ),
-    ],
-    ids=["child frame", "type", "reliability"],
-)
-def test_a_goal_that_loses_its_pose_names_what_the_filter_reports(nodes, kind, topic, fields, parameters, reason):
-    nodes.add(EkfNode, parameters)
+def test_a_goal_that_loses_its_pose_names_what_the_filter_reports(nodes):
+    nodes.add(EkfNode)
     nodes.add(ControllerNode, IMPATIENT)
-    message = kind(**fields)
-    message.header.frame_id = "odom" if kind is Odometry else "map"
+    message = Odometry(child_frame_id="base_footprint")
+    message.header.frame_id = "odom"
     with graph.peer(name="driver") as driver:
-        publisher = driver.publisher(kind, topic, BEST_EFFORT)
+        publisher = driver.publisher(Odometry, "odom")
+        driver.publisher(PoseStamped, "global_pose")
         nodes.peer.node.create_timer(0.05, lambda: publisher.publish(message))
         send_goal(nodes, 1.0, 0.0, 0.0)
         end = end_of_goal(nodes)
     assert end.startswith("pose lost: no pose for pose_lost_timeout = 3 s; /ekf: ")
-    assert reason in end
-    assert "no base subscribes to /cmd_vel" in end
+    for reason in (
+        "drops odom: wrong child_frame_id: 'base_footprint', not 'base_link': set base_link_frame",
+        "publishes /global_pose as PoseStamped: convert it to",
+        "no base subscribes to /cmd_vel",
+    ):
+        assert reason in end
 
 
 def test_a_goal_reached_with_fixes_of_another_clock_is_reached_and_names_the_clocks(nodes):
@@ -176,27 +154,18 @@ def test_a_goal_reached_with_fixes_of_another_clock_is_reached_and_names_the_clo
     assert end_of_goal(nodes).startswith(f"reached: /ekf: {text}")
 
 
-def test_wrong_remappings_of_inputs_and_commands_name_the_existing_topics(nodes):
+def test_wrong_remappings_of_inputs_name_the_existing_topics(nodes):
     nodes.add(EkfNode, arguments=["-r", "odom:=/base/odom", "-r", "global_pose:=/robot1/global_pose"])
-    nodes.add(ControllerNode, arguments=["-r", "cmd_vel:=/cmd_vel_nav"])
-    with base(TwistStamped), graph.peer(name="driver") as driver:
+    with graph.peer(name="driver") as driver:
         driver.publisher(Odometry, "odom")
         driver.publisher(PoseWithCovarianceStamped, "robot2/global_pose")
-        nodes.peer.spin_until(
-            lambda: (
-                graph.values(nodes.ekf_states[-1]).get("reason")
-                == "nothing publishes /base/odom: run all nodes in the namespace /, or remap /base/odom to /odom; "
-                "nothing publishes /robot1/global_pose: run all nodes in the namespace /robot2, or remap "
-                "/robot1/global_pose to /robot2/global_pose"
-                if nodes.ekf_states
-                else ""
-            ),
-            what="the reason",
+        reason = (
+            "nothing publishes /base/odom: run all nodes in the namespace /, or remap /base/odom to /odom; "
+            "nothing publishes /robot1/global_pose: run all nodes in the namespace /robot2, or remap "
+            "/robot1/global_pose to /robot2/global_pose"
         )
-        send_goal(nodes, 1.0, 0.0, 0.0)
-        wait_for_problem(
-            nodes, "no base subscribes to /cmd_vel_nav: start the driver of the base, or remap cmd_vel to /cmd_vel"
-        )
+        states = nodes.ekf_states
+        nodes.peer.spin_until(lambda: states and graph.values(states[-1]).get("reason") == reason, what="the reason")
 
 
 def test_diffbot_check_names_each_fault_of_a_base_before_the_nodes_run(kept_signal_handlers, capfd):
@@ -227,3 +196,71 @@ def test_diffbot_check_names_each_fault_of_a_base_before_the_nodes_run(kept_sign
     assert "wrong child_frame_id: 'base_footprint', not 'base_link'" in " ".join(lines["/odom"]["todo"])
     assert "set global_pose_sigma_xy" in " ".join(lines["/global_pose"]["todo"])
     assert lines["/cmd_vel"]["todo"] == []
+
+
+def statuses(nodes, name):
+    return [one for array in nodes.reports for one in array.status if one.name == name]
+
+
+def wait_for(nodes, name, text, level):
+    """Wait for a new report of a node with this text and level."""
+    nodes.reports.clear()
+    nodes.peer.spin_until(
+        lambda: any(text in one.message and one.level == level for one in statuses(nodes, name)), what=text
+    )
+
+
+def next_report(nodes, name):
+    """Return the second report from now on: the first may have been sent before."""
+    nodes.reports.clear()
+    nodes.peer.spin_until(lambda: len(statuses(nodes, name)) >= 2, what="two reports")
+    return statuses(nodes, name)[-1]
+
+
+def test_two_controllers_on_one_cmd_vel_are_logged_once_by_each_and_reported_until_one_ends(nodes, capfd):
+    # The topic is remapped, as for a mux. Publishers of cmd_vel itself do not count.
+    nodes.peer.publisher(Twist, "cmd_vel")
+    nodes.peer.subscribe(Twist, "cmd_vel_nav")
+    mux = ("-r", "cmd_vel:=cmd_vel_nav")
+    nodes.add(ControllerNode, arguments=mux)
+    other = nodes.add(ControllerNode, {}, ("-r", "__node:=other", *mux))
+    text = "2 publishers of /cmd_vel_nav, only one may drive the robot: /controller, /other"
+    for name in ("/controller", "/other"):
+        wait_for(nodes, name, text, DiagnosticStatus.ERROR)
+    next_report(nodes, "/controller")
+    assert capfd.readouterr().err.count(text) == 2, "once by each"
+    # An inactive controller does not report the other.
+    other.trigger_deactivate()
+    report = next_report(nodes, "/other")
+    assert (report.level, report.message) == (DiagnosticStatus.OK, "inactive")
+    nodes.remove(other)
+    wait_for(nodes, "/controller", "idle; ok", DiagnosticStatus.OK)
+    assert (
+        capfd.readouterr().err.count("[controller]: /cmd_vel_nav: the number of publishers is within the limit again")
+        == 1
+    )
+
+
+def test_a_second_controller_of_the_same_name_is_an_error_after_the_lease(nodes, monkeypatch):
+    """Within the lease, DDS still counts the publishers of a killed process."""
+    nodes.peer.subscribe(Twist, "cmd_vel")
+    nodes.add(ControllerNode)
+    nodes.add(ControllerNode)
+    wait_for(nodes, "/controller", "robot: /controller, /controller (the publisher of a killed", DiagnosticStatus.WARN)
+    monkeypatch.setattr(watches, "LEASE", 0.1)
+    wait_for(nodes, "/controller", "robot: /controller, /controller", DiagnosticStatus.ERROR)
+
+
+def test_two_sources_of_each_input_are_named(nodes):
+    inputs = {
+        "pose": (PoseWithCovarianceStamped, (ControllerNode, EkfNode), "estimate the pose: /ekf, /first, /second"),
+        "odom": (Odometry, (EkfNode,), "measure the motion: /first, /plant, /second"),
+        "cmd_vel": (Twist, (PlantNode, ControllerNode), "drive the robot: /controller, /first, /second"),
+    }
+    names = {kind: nodes.add(kind).get_fully_qualified_name() for kind in (ControllerNode, EkfNode, PlantNode)}
+    with graph.peer("first") as first, graph.peer("second") as second:
+        publishers = [one.publisher(kind, topic) for topic, (kind, *_) in inputs.items() for one in (first, second)]
+        for topic, (_, kinds, text) in inputs.items():
+            for kind in kinds:
+                wait_for(nodes, names[kind], f"/{topic}, only one may {text}", DiagnosticStatus.ERROR)
+        del publishers

@@ -9,7 +9,6 @@ FIGURES = pytest.StashKey[dict]()
 
 
 def pytest_configure(config):
-    """Create the figures of this run."""
     config.stash[FIGURES] = {}
 
 

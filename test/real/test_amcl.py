@@ -1,6 +1,5 @@
 """Goals on the poses of Nav2's AMCL, from simulated scans of a room, with the parameters of other-localization.md."""
 
-import random
 import sys
 from pathlib import Path
 
@@ -8,8 +7,8 @@ import graph
 import laser_room
 from ament_index_python.packages import get_package_share_directory
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from overlay import program
-from robot import DEEP, SIMULATED, distance, initialpose, robot, turned
+from overlay import errors_of_goals, program
+from robot import DEEP, SIMULATED, initialpose, robot
 
 START = 0.5, -0.3, 0.4
 PLANT = {
@@ -26,7 +25,6 @@ CONTROLLER = {**SIMULATED, "xy_goal_tolerance": TOLERANCE, "yaw_goal_tolerance":
 
 
 def test_goals_are_reached_on_the_fixes_of_amcl(figures):
-    chance = random.Random(5)
     recipe = "--params-file", f"{get_package_share_directory('diffbot')}/config/amcl.yaml"
     simulated = "-p", "use_sim_time:=true"
     room = graph.environment(PYTHONSAFEPATH="")
@@ -45,13 +43,7 @@ def test_goals_are_reached_on_the_fixes_of_amcl(figures):
             return driving.peer.comes_true(lambda: fixes, 2.0)
 
         graph.wait_for(located, what="a pose of AMCL")
-        errors = []
-        for _ in range(GOALS):
-            goal = tuple(round(chance.uniform(-2.5, 2.5), 2) for _ in range(3))
-            driving.send_goal(*goal)
-            driving.wait_for_state("goal reached", 60.0)
-            pose = driving.true_pose()
-            errors.append(max(distance(pose, goal), turned(pose, goal)))
+        errors = errors_of_goals(driving, GOALS, 2.5)
     # Reached means within the tolerance with a probability of 0.99, by an estimate whose fixes are AMCL's.
     assert sum(error < TOLERANCE for error in errors) >= GOALS - 1
     figures["goals on AMCL's fixes"] = {"reached": len(errors), "of": GOALS, "worst error": max(errors)}

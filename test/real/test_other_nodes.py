@@ -1,13 +1,11 @@
 """Other nodes in C++ with the project's nodes: robot_localization and Nav2's lifecycle manager."""
 
-import random
-
 import graph
 from lifecycle_msgs.srv import GetState
 from nav2_msgs.srv import ManageLifecycleNodes
 from nav_msgs.msg import Odometry
-from overlay import program
-from robot import DEEP, SIMULATED, distance, robot, turned
+from overlay import errors_of_goals, program
+from robot import DEEP, SIMULATED, robot
 
 FAST = {"clock": "scaled", "real_time_factor": 4.0, "seed": 11}
 GOALS = 20
@@ -23,20 +21,14 @@ def recipe():
 
 
 def test_goals_are_reached_on_the_pose_of_robot_localization(figures):
-    chance, file = random.Random(5), ("--params-file", recipe())
+    file = "--params-file", recipe()
     with (
         robot(FAST, controller=SIMULATED, only=("controller", "plant"), arguments={"controller": file}) as driving,
         program("robot_localization", "ekf_node", "--ros-args", *file, "-p", "use_sim_time:=true"),
     ):
         poses = driving.peer.subscribe(Odometry, "odometry/filtered", DEEP)
         driving.peer.spin_until(lambda: poses, what="a pose of robot_localization")
-        errors = []
-        for _ in range(GOALS):
-            goal = tuple(round(chance.uniform(-3.0, 3.0), 2) for _ in range(3))
-            driving.send_goal(*goal)
-            driving.wait_for_state("goal reached", 60.0)
-            pose = driving.true_pose()
-            errors.append(max(distance(pose, goal), turned(pose, goal)))
+        errors = errors_of_goals(driving, GOALS, 3.0)
     # Reached means within the tolerance with a probability of 0.99, by an estimate that is not this project's.
     assert sum(error < TOLERANCE for error in errors) >= GOALS - 1
     figures["goals on robot_localization's pose"] = {"reached": len(errors), "of": GOALS, "worst error": max(errors)}

@@ -8,7 +8,6 @@ import graph
 import one_process
 import pytest
 import rosbag2_bags
-from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 from overlay import ros2
 from rclpy.qos import QoSProfile
@@ -179,37 +178,12 @@ def test_ros2_bag_record_records_the_robot_and_the_commands_read_it(tmp_path):
     diffbot("report", tmp_path / "bag", "-o", tmp_path / "report.html")
 
 
-def test_the_services_of_a_replay_are_those_of_rosbag2s_player(ours):
-    """All nine services, with the types of rosbag2_interfaces."""
+def test_the_services_of_a_replay_have_the_types_of_rosbag2s_player(ours):
+    """test_replay.py tests what they do."""
+    names = "is_paused", "get_rate", "set_rate", "play_next", "seek", "pause", "resume", "toggle_paused", "stop"
     arguments = ("replay", ours / "zstd", "--start-paused", "--disable-keyboard-controls", "--rate", "0.5")
     with graph.diffbot(*map(str, arguments)) as replay, graph.peer() as peer:
-        odometry = peer.subscribe(Odometry, "/odom", DEEP)
-        commands = peer.subscribe(Twist, "/cmd_vel", DEEP)
-        peer.wait_for_publishers("/odom", "/cmd_vel")
-
-        def call(name, **fields):
+        for name in names:
             kind = getattr(srv, "".join(part.capitalize() for part in name.split("_")))
-            return peer.call(kind, f"/rosbag2_player/{name}", kind.Request(**fields))
-
-        assert call("is_paused").paused
-        assert call("get_rate").rate == 0.5
-        assert call("set_rate", rate=2.0).success
-        assert call("get_rate").rate == 2.0
-        assert not call("set_rate", rate=-1.0).success
-        # A replay that has just started waits for subscribers first.
-        graph.wait_for(lambda: call("play_next").success, what="a step")
-        for _ in range(10):
-            assert call("play_next").success
-        peer.spin_until(lambda: len(odometry) + len(commands) >= 10, what="messages of the steps")
-        begin = min(time for *_, time in rosbag2_bags.read(ours / "zstd"))
-        seek = srv.Seek.Request()
-        seek.time.sec, seek.time.nanosec = divmod(begin + 10**9, 10**9)
-        assert peer.call(srv.Seek, "/rosbag2_player/seek", seek).success
-        call("resume")
-        assert not call("is_paused").paused
-        call("pause")
-        assert call("is_paused").paused
-        call("toggle_paused")
-        assert not call("is_paused").paused
-        call("stop")
+            peer.call(kind, f"/rosbag2_player/{name}")
         assert replay.wait() == 0

@@ -122,11 +122,6 @@ def mounted(driving):
         yield driving
 
 
-def goal_of(driving):
-    text = graph.values(driving.controller_states[-1]).get("goal", "")
-    return tuple(map(float, text.split())) if text else ()
-
-
 @pytest.mark.parametrize("frame", ["odom", "base_link", "camera"])
 def test_a_goal_in_another_frame_is_transformed_to_map(mounted, frame):
     driving = mounted
@@ -134,19 +129,19 @@ def test_a_goal_in_another_frame_is_transformed_to_map(mounted, frame):
     driving.cancel()
     driving.peer.spin_until(lambda: len(driving.truths) > 1 and at_rest(driving.truths), what="rest")
     driving.peer.wait_for_subscribers(driving.goals)
-    goal, before = (2.0, 1.0, 0.5), goal_of(driving)
+    goal, before = (2.0, 1.0, 0.5), driving.goal()
 
     def taken():
         # The controller does not know the frame before it has discovered the publisher of static transforms.
         driving.goals.publish(pose_stamped(*goal, frame=frame))
-        return driving.peer.comes_true(lambda: goal_of(driving) not in (before, ()), 2.0)
+        return driving.peer.comes_true(lambda: driving.goal() not in (before, ()), 2.0)
 
     buffer = Buffer()
     TransformListener(buffer, driving.peer.node)
     driving.peer.spin_until(lambda: buffer.can_transform("map", frame, Time()), what="the transform")
     expected = in_map(buffer.lookup_transform("map", frame, Time()).transform, goal)
     graph.wait_for(taken, what=f"a goal of {frame}")
-    found = goal_of(driving)
+    found = driving.goal()
     assert found[:2] == pytest.approx(expected[:2], abs=0.3)
     assert math.remainder(found[2] - expected[2], 2.0 * math.pi) == pytest.approx(0.0, abs=0.2)
 

@@ -40,7 +40,6 @@ class Page:
         return self
 
     def get(self, expression):
-        """Return the value of a JavaScript expression."""
         return self.tab.evaluate(expression)
 
     def wait(self, expression, what):
@@ -63,7 +62,6 @@ class Page:
         self.get(f"void messages.splice(0, {found} + 1)")
 
     def next_frame(self):
-        """Wait until the page has drawn its changes."""
         self.get("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => done())))")
 
     def drag(self, start, end):

@@ -4,103 +4,69 @@ Plant, robot_node and docking_node are processes, in simulated time that runs fa
 """
 
 import math
-import random
 import threading
 import time
-from collections import deque
-from typing import NamedTuple
+from contextlib import closing
 
 import graph
-import rclpy
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.task import Future
 from std_msgs.msg import Bool
 
 from diffbot_control.ros.messages.fields import fill_pose, pose_of, set_stamp, stamp_ns
 from diffbot_control.ros.navigator import Navigator, TaskResult
 from diffbot_core.geometry import Pose, into_frame, out_of_frame
 from diffbot_core.ros.qos import QUEUE
-from diffbot_core.stamps import NS_PER_S
 
 DOCK = Pose(3.0, 1.0, 0.5)
 SPEED = 3.0
 """of simulated time over real time"""
-NONE, FROZEN, SWAPPED, LATE, RELOCATED = "none", "frozen", "swapped", "late", "relocated"
-FAULTS = (NONE, FROZEN, SWAPPED, LATE, RELOCATED)
-HARMLESS = (NONE, LATE, RELOCATED)
-"""Faults with which the robot docks all the same."""
+NONE, FROZEN, SWAPPED = FAULTS = "none", "frozen", "swapped"
 NEAR = 0.6
 """[m] from the dock at which a fault begins"""
-LATENESS = 0.5
-"""[s] by which detections come later than the detector's own 0.1 s"""
-OTHER_DOCK, JUMP = Pose(0.0, 0.5, 0.0), Pose(0.2, 0.2, 0.0)
-XY, YAW = 0.02, math.radians(2.0)
+OTHER_DOCK = Pose(0.0, 0.5, 0.0)
 _TIMEOUT = 120.0
 """[s] of real time for one drive"""
 _QUEUED = 2 * QUEUE.depth
 """true poses that may be on their way, in the queues of both ends, when an answer comes"""
 
 
-class Docking(NamedTuple):
-    """How one run ended."""
-
-    fault: str
-    end: str
-    contact: tuple[float, float] | None
-    """lateral error [m] and heading error [rad] of the true pose at the first contact"""
-    undocking: str
-    """how that ended then; empty after another end than ``reached``"""
-
-    @property
-    def is_beside(self):
-        """True for a contact with more than 2 cm or 2 degrees."""
-        return self.contact is not None and (abs(self.contact[0]) > XY or abs(self.contact[1]) > YAW)
-
-
 class Detector:
     """Passes the plant's detections and contacts on to the docking node, changed by a fault, in a thread of its own."""
 
-    def __init__(self):
+    def __init__(self, peer):
         self.fault, self.is_near = NONE, False
         self.truth = None
         """of the robot in the dock's frame"""
         self.contact = None
+        """lateral error [m] and heading error [rad] of the true pose at the first contact"""
         self.touches = None
         """state of the contact switch; None: as the plant reports it"""
-        self._truths, self._came = 0, threading.Condition()
-        self._waiting = deque()
-        self._frozen = None
-        node = rclpy.create_node("detector")
-        self._sent = node.create_publisher(PoseWithCovarianceStamped, "detected_dock_pose", 10)
-        self._jumps = node.create_publisher(PoseWithCovarianceStamped, "initialpose", 10)
-        self._switch = node.create_publisher(Bool, "dock_contact", 10)
-        node.create_subscription(PoseWithCovarianceStamped, "detected_by_plant", self._on_detection, 10)
-        node.create_subscription(Bool, "contact_of_plant", self._on_contact, 10)
-        node.create_subscription(Odometry, "ground_truth", self._on_truth, 10)
-        self._executor = SingleThreadedExecutor()
-        self._executor.add_node(node)
-        self._closed = Future()
-        self._thread = threading.Thread(
-            target=self._executor.spin_until_future_complete, args=(self._closed,), daemon=True
-        )
+        self._truths, self._frozen = 0, None
+        self._sent = peer.publisher(PoseWithCovarianceStamped, "detected_dock_pose")
+        self._switch = peer.publisher(Bool, "dock_contact")
+        peer.node.create_subscription(PoseWithCovarianceStamped, "detected_by_plant", self._on_detection, 10)
+        peer.node.create_subscription(Bool, "contact_of_plant", self._on_contact, 10)
+        peer.node.create_subscription(Odometry, "ground_truth", self._on_truth, 10)
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._spin, args=(peer.executor,), daemon=True)
         self._thread.start()
 
+    def _spin(self, executor):
+        while not self._ended.is_set():
+            executor.spin_once(timeout_sec=0.1)
+
     def close(self):
-        self._closed.set_result(None)
+        self._ended.set()
         self._thread.join()
-        self._executor.shutdown()  # last: it does not wait for a running callback
 
     def begin(self, fault):
         self.fault, self.is_near, self.contact, self._frozen = fault, False, None, None
 
     def catch_up(self):
         """Wait for a true pose that is newer than this call: an answer may arrive before its pose."""
-        with self._came:
-            last = self._truths + _QUEUED
-            if not self._came.wait_for(lambda: self._truths > last, 30.0):
-                raise RuntimeError("no true pose within 30 s")
+        last = self._truths + _QUEUED
+        graph.wait_for(lambda: self._truths > last, what="a true pose")
 
     def _on_contact(self, message):
         self._switch.publish(message if self.touches is None else Bool(data=self.touches))
@@ -110,25 +76,10 @@ class Detector:
         if self.contact is None and pose.x >= 0.0 and self.truth is not None and self.truth.x < 0.0:
             self.contact = pose.y, pose.theta
         self.truth = pose
-        if self.fault == RELOCATED and not self.is_near and -pose.x < NEAR:
-            jump = PoseWithCovarianceStamped()
-            jump.header.frame_id = "map"
-            fill_pose(jump.pose.pose, out_of_frame(JUMP, pose_of(message.pose.pose)))
-            jump.pose.covariance[[0, 7, 35]] = 0.01
-            self._jumps.publish(jump)
         self.is_near = self.is_near or -pose.x < NEAR
-        while self._waiting and stamp_ns(message.header.stamp) - stamp_ns(self._waiting[0].header.stamp) >= (
-            LATENESS * NS_PER_S
-        ):
-            self._sent.publish(self._waiting.popleft())
-        with self._came:
-            self._truths += 1
-            self._came.notify_all()
+        self._truths += 1
 
     def _on_detection(self, message):
-        if self.fault == LATE:
-            self._waiting.append(message)
-            return
         if self.fault == FROZEN:
             # Keep a detection from farther away. If this process is held up, the robot may already stand at its
             # staging pose when the next detection arrives, and the frozen detection would then be true.
@@ -144,60 +95,26 @@ class Detector:
 
 
 class Scene:
-    """The nodes, on the DDS domain of this process."""
+    """The nodes, which run until ``stack`` is closed."""
 
-    def __init__(self, seed):
-        """Prepare the nodes, which run while the ``with`` block lasts."""
-        self._random = random.Random(seed)
+    def __init__(self, stack):
         simulated = {"use_sim_time": True}
-        plant = {"clock": "scaled", "real_time_factor": SPEED, "seed": seed, "detection_rate": 10.0}
+        plant = {"clock": "scaled", "real_time_factor": SPEED, "seed": 11, "detection_rate": 10.0}
         plant |= {"dock_x": DOCK.x, "dock_y": DOCK.y, "dock_yaw": DOCK.theta, "max_cmd_vel_publishers": 2}
         remapped = ("-r", "detected_dock_pose:=detected_by_plant", "-r", "dock_contact:=contact_of_plant")
-        self._processes = {
+        nodes = {
             "plant": graph.node("diffbot_sim.plant_node", plant, remapped),
             "robot": graph.node("diffbot_control.robot_node", simulated | {"max_cmd_vel_publishers": 2}),
             # In simulated time that runs fast: as long in real time as by default.
             "docking": graph.node("diffbot_control.docking_node", simulated | {"pose_lost_timeout": 5.0 * SPEED}),
         }
-        self.processes = {}
-
-    def __enter__(self):
-        """Start the nodes and wait until the controllers accept goals."""
-        for name, one in self._processes.items():
-            self.processes[name] = one.__enter__()
+        self.processes = {name: stack.enter_context(one) for name, one in nodes.items()}
         # A node that is held up on a busy machine answers later.
-        self.navigator = Navigator(restart_timeout=graph.PATIENCE)
-        self.detector = Detector()
-        if not self.navigator.waitUntilReady(graph.PATIENCE):
-            raise RuntimeError(f"no controller within {graph.PATIENCE:g} s")
-        return self
-
-    def __exit__(self, *error):
-        """Stop the nodes."""
-        self.detector.close()
-        self.navigator.destroyNode()
-        for one in reversed(self._processes.values()):
-            one.__exit__(*error)
-
-    def run(self, fault):
-        """Drive to a random pose before the dock, dock and undock."""
-        self.detector.begin(NONE)
-        x, y, turn = self._random.uniform(-3.0, -0.9), self._random.uniform(-0.5, 0.5), self._random.uniform(-0.7, 0.7)
-        start = PoseStamped()
-        start.header.frame_id = "map"
-        fill_pose(start.pose, out_of_frame(Pose(x, y, turn), DOCK))
-        self.navigator.goToPose(start)
-        self.wait()
-        self.detector.begin(fault)
-        self.navigator.dock()
-        end = self.wait()
-        self.detector.catch_up()
-        contact = self.detector.contact
-        self.detector.begin(NONE)
-        undocking = ""
-        if end == "reached":
-            undocking = self.wait() if self.navigator.undock() else "refused"
-        return Docking(fault, end, contact, undocking)
+        self.navigator = Navigator.in_own_context(restart_timeout=graph.PATIENCE)
+        stack.callback(self.navigator.context.try_shutdown)
+        stack.callback(self.navigator.destroyNode)
+        self.detector = stack.enter_context(closing(Detector(stack.enter_context(graph.peer("detector")))))
+        assert self.navigator.waitUntilReady(graph.PATIENCE)
 
     def wait(self):
         """Return how the task ended; empty without an answer in time."""

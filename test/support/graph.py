@@ -78,7 +78,6 @@ class Process:
     """A process of the test. Its output is written to a file, so that the process does not wait for a reader."""
 
     def __init__(self, command, **options):
-        """Start ``command``; ``options`` are those of subprocess.Popen."""
         options.setdefault("env", environment())
         self._output = tempfile.TemporaryFile()  # noqa: SIM115 - closed in end()
         self.popen = subprocess.Popen(command, stdout=self._output, stderr=subprocess.STDOUT, **options)
@@ -112,7 +111,6 @@ class Process:
         return self.popen.wait(max(timeout, PATIENCE))
 
     def stop(self, number=signal.SIGINT):
-        """Send a signal and return the exit status."""
         self.send(number)
         return self.wait()
 
@@ -131,7 +129,6 @@ class Process:
 
 @contextlib.contextmanager
 def process(*command, **options):
-    """Run a command while the ``with`` block lasts."""
     running = Process(list(command), **options)
     try:
         yield running
@@ -150,7 +147,6 @@ def node(module, parameters=None, arguments=(), **options):
 
 
 def ros_arguments(parameters):
-    """Return the ROS arguments that set parameters."""
     return [
         word
         for name, value in (parameters or {}).items()
@@ -207,7 +203,6 @@ class Peer:
             self.drain()
 
     def spin_until_quiet(self, duration=0.2):
-        """Handle callbacks until none is due for ``duration`` [s]."""
         waited = 0.0
         while waited < duration:
             begin = time.monotonic()
@@ -221,7 +216,6 @@ class Peer:
         return received
 
     def publisher(self, message_type, topic, qos=10):
-        """Return a publisher."""
         return self.node.create_publisher(message_type, topic, qos)
 
     def wait_for_subscribers(self, *publishers, count=1):
@@ -278,7 +272,6 @@ class Peer:
 
 @contextlib.contextmanager
 def peer(name="peer", **options):
-    """Run a node of the test itself while the ``with`` block lasts."""
     running = Peer(name, **options)
     try:
         yield running
@@ -287,5 +280,4 @@ def peer(name="peer", **options):
 
 
 def values(status):
-    """Return the key-value pairs of a DiagnosticStatus."""
     return {pair.key: pair.value for pair in status.values}

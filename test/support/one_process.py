@@ -26,7 +26,6 @@ class Nodes:
         return node
 
     def remove(self, node):
-        """Destroy a node."""
         self.peer.executor.remove_node(node)
         self._nodes.remove(node)
         node.destroy_node()
@@ -36,7 +35,6 @@ class Fed:
     """A node that receives messages of the test and has handled a message when :meth:`send` returns."""
 
     def __init__(self, nodes, kind, parameters=None, arguments=()):
-        """Create the node, see :meth:`Nodes.add`."""
         self.peer = nodes.peer
         self.node = nodes.add(kind, parameters, arguments)
         self._publishers = {}

@@ -6,6 +6,7 @@ import time
 
 import graph
 import numpy as np
+from action_msgs.msg import GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist, TwistStamped
 from nav_msgs.msg import Odometry, Path
@@ -104,11 +105,13 @@ class Robot:
         self.controller_states = peer.subscribe(DiagnosticStatus, "controller/status", LATCHED)
         self.ekf_states = peer.subscribe(DiagnosticStatus, "ekf/status", LATCHED)
         self.diagnostics = peer.subscribe(DiagnosticArray, "/diagnostics", DEEP)
+        self.goal_states = peer.subscribe(GoalStatusArray, "controller/goal_status", LATCHED)
+        self.goal_results = peer.subscribe(DiagnosticArray, "controller/goal_results", LATCHED)
         self.goals = peer.publisher(PoseStamped, "goal_pose")
+        self.paths = peer.publisher(Path, "path")
         self.commands = []
 
     def start(self, name, parameters=None):
-        """Start one of the nodes and wait until it is ready."""
         process = self.launch(name, parameters)
         self.wait_until_ready(name)
         return process
@@ -130,7 +133,6 @@ class Robot:
         return process
 
     def launch_joined(self, names, parameters, arguments=(), **options):
-        """Start these nodes in one process without waiting."""
         ros = *graph.ros_arguments(parameters), *arguments, *self._remapped
         words = ("run", names[0], "--with", *names[1:], "--ros-args", *ros)
         process = self._stack.enter_context(graph.diffbot(*words, **options))
@@ -138,8 +140,12 @@ class Robot:
         self.launched.append(process)
 
     def state(self):
-        """Return the message of the controller's newest status."""
         return self.controller_states[-1].message if self.controller_states else ""
+
+    def goal(self):
+        """Return the goal that the controller's newest status names; empty without a goal."""
+        text = graph.values(self.controller_states[-1]).get("goal", "") if self.controller_states else ""
+        return tuple(map(float, text.split()))
 
     def wait_for_state(self, state, timeout=15.0):
         self.peer.spin_until(lambda: self.state() == state, timeout, f"the controller's state {state!r}")
@@ -159,11 +165,9 @@ class Robot:
         A controller that has just started may not have discovered this publisher yet, and needs more ``tries``.
         """
         self.peer.wait_for_subscribers(self.goals)
-        wanted = [round(float(number), 4) for number in goal]
 
         def known():
-            text = graph.values(self.controller_states[-1]).get("goal", "") if self.controller_states else ""
-            return [round(float(number), 4) for number in text.split()] == wanted
+            return self.goal() and np.allclose(self.goal(), goal, rtol=0.0, atol=5e-5)
 
         for left in reversed(range(tries)):
             self.goals.publish(pose_stamped(*goal))
@@ -171,11 +175,34 @@ class Robot:
                 return
         raise AssertionError(f"the controller's status does not name the goal {goal}")
 
+    def accepted(self):
+        """Return the status of each goal by its id in the newest goal_status, the newest goal last."""
+        self.catch_up()
+        newest = self.goal_states[-1].status_list if self.goal_states else []
+        return {bytes(one.goal_info.goal_id.uuid).hex(): one.status for one in newest}
+
+    def ends(self):
+        """Return end and reason of each goal by its id in the newest goal_results."""
+        self.catch_up()
+        newest = self.goal_results[-1].status if self.goal_results else []
+        return {one.name: (one.message, graph.values(one)["reason"]) for one in newest}
+
+    def send_stamped(self, *poses, **options):
+        """Send a goal or a path, see :func:`stamped_goal`, and wait for its acceptance or its end; return its id."""
+        goal_id, message = stamped_goal(*poses, **options)
+        publisher = self.goals if len(poses) == 1 else self.paths
+        self.peer.wait_for_subscribers(publisher)
+        publisher.publish(message)
+        self.peer.spin_until(lambda: goal_id in self.accepted() or goal_id in self.ends(), what="the goal")
+        return goal_id
+
+    def wait_for_end(self, goal_id):
+        return self.peer.spin_until(lambda: self.ends().get(goal_id), what="the end of the goal")
+
     def pause(self, paused):
         return self.peer.call(SetBool, "plant/pause", SetBool.Request(data=paused))
 
     def set_parameter(self, node, name, value):
-        """Change a parameter of a node; return the result."""
         request = SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()])
         return self.peer.call(SetParameters, f"{node}/set_parameters", request).results[0]
 

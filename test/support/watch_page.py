@@ -12,8 +12,6 @@ def url_of(watch):
 
 
 class Client:
-    """A connection that receives the data of the page."""
-
     def __init__(self, url):
         address, token = url.split("/")[2], url.split("=")[1]
         self._socket = connect(
@@ -45,8 +43,6 @@ class Client:
             self.events += message["events"]
 
     def wait_for(self, condition, what):
-        """Read until ``condition()`` is true and return its value."""
-
         def found():
             self.read()
             return condition()

@@ -8,7 +8,6 @@ import signal
 import time
 from pathlib import Path
 
-import graph
 from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
 from nav_msgs.msg import Odometry
 from robot import DEEP, twist
@@ -40,7 +39,6 @@ OUTPUTS = {
 
 
 def numbers_of(message):
-    """Return all floats of a message."""
     found = []
     for name in message.get_fields_and_field_types():
         value = getattr(message, name)
@@ -57,7 +55,6 @@ class Witness:
     """Keeps commands and true speeds with their times of receipt (monotonic), and checks every output."""
 
     def __init__(self, robot):
-        """Subscribe to the outputs with the test's node of the robot."""
         self.robot, self.peer = robot, robot.peer
         self.commands, self.truths = [], []
         self.non_finite = []
@@ -78,7 +75,6 @@ class Witness:
             self.truths.append((now, twist(message.twist)))
 
     def drive(self):
-        """Send the far goal and wait for motion."""
         # The last status of a killed controller may name the same goal.
         self.robot.controller_states.clear()
         self.robot.send_goal(*FAR, tries=5)
@@ -142,7 +138,6 @@ class Witness:
         return first_of_the_last_zeros() - since
 
     def kill(self, name, number=signal.SIGKILL):
-        """Send a signal to a node; return the time before."""
         process = self.robot.processes[name]
         since = self.mark()
         process.send(number)
@@ -171,19 +166,6 @@ class Witness:
             with contextlib.suppress(OSError):
                 found[path.parts[2], path.parts[4]] = int(path.read_text().split()[1]) * 1e-9
         return found
-
-    def report_with(self, *texts, level=None):
-        """Wait for a report on /diagnostics, newer than this call, that contains the texts; return it."""
-        begin = len(self.robot.diagnostics)
-
-        def found():
-            for report in (one for message in self.robot.diagnostics[begin:] for one in message.status):
-                words = " ".join((report.name, report.message, *graph.values(report).values()))
-                if all(text in words for text in texts) and level in (None, report.level):
-                    return report
-            return None
-
-        return self.peer.spin_until(found, what=f"{texts} on /diagnostics")
 
     def audit(self):
         """Fail if a process died or printed a traceback, or if an output was not finite."""
