@@ -5,7 +5,6 @@ from types import SimpleNamespace
 import graph
 import one_process
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from diffbot_core.parameter_groups import FaultConfig
 from filter_input import timed
 from geometry_msgs.msg import Twist
 from rcl_interfaces.msg import Parameter, ParameterValue
@@ -18,6 +17,7 @@ from diffbot_control.goals.supervisor import Supervisor
 from diffbot_core.ros import run as run_module
 from diffbot_core.ros.node import DiffbotNode
 from diffbot_core.ros.run import make_executor
+from diffbot_core.shared_parameters import FaultConfig
 
 NOT_A_TYPE = 10
 
