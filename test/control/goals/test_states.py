@@ -8,11 +8,9 @@ import os
 import random
 from typing import NamedTuple
 
-import pytest
-
-from diffbot_control.goals import ENDS, STATUS_TEXTS, TABLE, GoalEvent, GoalRequest, State, Supervisor, SupervisorConfig
+from diffbot_control.goals import ENDS, STATUS_TEXTS, GoalRequest, State, Supervisor, SupervisorConfig
 from diffbot_control.goals.record import REACHED, REFUSED
-from diffbot_control.goals.states import WITH_GOAL, Reaction
+from diffbot_control.goals.states import WITH_GOAL
 from diffbot_control.law import PRESETS, GoalTolerance, Law, PaperLaw, Report, SwitchingLaw
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose
@@ -249,15 +247,3 @@ def test_every_goal_ends_once_with_a_reason_within_the_time_known_at_its_accepta
         states |= history.states
     assert states == set(STATUS_TEXTS)
     assert ends == set(ENDS) - {REFUSED}
-
-
-@pytest.mark.parametrize("state", [State.DRIVING, State.STOPPING])
-def test_silence_a_fault_and_the_nodes_end_stop_the_robot_and_time_ends_the_goal(state):
-    row = TABLE[state]
-    assert row[GoalEvent.OVERDUE].command is Reaction.ZERO
-    assert row[GoalEvent.STOP].command is Reaction.ZERO
-    assert row[GoalEvent.FAULT].command is Reaction.BRAKE
-    assert TABLE[State.HOLDING][GoalEvent.OVERDUE].command is Reaction.ZERO
-    for event in (GoalEvent.HOPELESS, GoalEvent.LOST, GoalEvent.STOP, GoalEvent.FAULT):
-        assert row[event].end, event
-        assert row[event].state not in WITH_GOAL, event
