@@ -57,8 +57,8 @@ def test_the_prediction_is_the_textbook_prediction_with_random_walks_of_the_erro
     for seed in range(10):
         found, numbers, rng = filled(n, seed)
         x, P, M = found.x.copy(), found.P.copy(), covariance(rng, 2, 0.05, 0.3)
-        rate = {"rate": models.TurnRate(0.4, 0.02)} if with_gyro else {}
-        motion = build_motion(*rng.normal(size=2), 0.2, M[0, 0], M[0, 1], M[1, 1], **rate)
+        rate = models.TurnRate(0.4, 0.02) if with_gyro else models.NO_RATE
+        motion = build_motion(*rng.normal(size=2), 0.2, M[0, 0], M[0, 1], M[1, 1], rate=rate, lateral=0.01)
         ekf.predict(found, numbers, motion)
         F, Q = jacobian(lambda s: moved(s, motion), x), process_noise(x, motion)  # noqa: B023
         walking = range(3, min(n, 7))

@@ -25,9 +25,9 @@ ERRORS = np.array([0.01, -0.02, 0.05]), np.array([[1e-5, 2e-6, 0.0], [2e-6, 3e-5
 GEOMETRY = WheelGeometry(0.07, 0.5)
 
 
-def saved(path, errors=ERRORS, geometry=GEOMETRY):
+def saved(path, errors=ERRORS):
     by_name = {} if errors is None else {"wheels": errors, "landmarks": errors}
-    save_state(path, SavedState(Pose(1.0, -2.0, 3.0), P, geometry, by_name))
+    save_state(path, SavedState(Pose(1.0, -2.0, 3.0), P, GEOMETRY, by_name))
 
 
 def assert_errors(found, expected=ERRORS):
