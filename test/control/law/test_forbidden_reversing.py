@@ -3,14 +3,14 @@
 import random
 
 import pytest
-from driven import ORIGIN, T_S, Robot, seen
+from driven import T_S, Run
 
 from diffbot_control.law.docking import DOCKED, STAGING, Docking
 from diffbot_control.law.docking_axis import DockingConfig
 from diffbot_control.law.presets import PRESETS
 from diffbot_control.law.regions import OMEGA_G, OMEGA_L, Switching
 from diffbot_control.law.steering import BACK, FRONT, UNDECIDED, Course
-from diffbot_control.law.switching import SwitchingLaw, new_memory
+from diffbot_control.law.switching import new_memory
 from diffbot_core.kinematics import Twist
 
 A_MAX, OMEGA_DOT_MAX = 0.8, 3.0
@@ -31,43 +31,28 @@ def forward(config):
     return config._replace(allow_backward=False)
 
 
-class Driven:
-    """A robot under a law, and its commands."""
+def drive_until(run, condition):
+    """Advance until the robot reverses and ``condition(memory)`` is true."""
+    for _ in range(600):
+        if run.advance().v < -0.02 and condition(run.memory):
+            return
+    raise AssertionError("the robot did not reach this state")
 
-    def __init__(self, config, start, *, memory=None, law=SwitchingLaw):
-        sheet = law.data_sheet(config)
-        self.robot = Robot(start, sheet.command_latency, sheet.drive_time_constant)
-        self.config, self.law, self.memory = config, law, memory or law.new_memory(config)
-        self.commands = []
 
-    def advance(self):
-        observation = seen(self.robot.pose, dt=T_S if self.commands else 0.0)
-        self.memory, command, _ = self.law.step(self.memory, observation, ORIGIN, self.config)
-        self.robot.drive(command)
-        self.commands.append(command)
-        return command
-
-    def until(self, condition):
-        """Advance until the robot reverses and ``condition(memory)`` is true."""
-        for _ in range(600):
-            if self.advance().v < -0.02 and condition(self.memory):
-                return self
-        raise AssertionError("the robot did not reach this state")
-
-    def check_forbidden(self, steps=600, done=lambda memory: memory.reached, arrives=True):
-        """Forbid reversing; check each command against the one before, and that the robot ``arrives``."""
-        self.config = forward(self.config)
-        before = self.commands[-1]
-        assert before.v < 0.0
-        for _ in range(steps):
-            command = self.advance()
-            assert command.v >= min(before.v + A_MAX * T_S, 0.0) - ROUNDING, "braked as hard as the limit allows"
-            assert abs(command.v - before.v) <= A_MAX * T_S + ROUNDING
-            assert abs(command.omega - before.omega) <= OMEGA_DOT_MAX * T_S + ROUNDING
-            if done(self.memory):
-                return
-            before = command
-        assert not arrives, self.memory
+def check_forbidden(run, steps=600, done=lambda memory: memory.reached, arrives=True):
+    """Forbid reversing; check each command against the one before, and that the robot ``arrives``."""
+    run.config = forward(run.config)
+    before = run.commands[-1]
+    assert before.v < 0.0
+    for _ in range(steps):
+        command = run.advance()
+        assert command.v >= min(before.v + A_MAX * T_S, 0.0) - ROUNDING, "braked as hard as the limit allows"
+        assert abs(command.v - before.v) <= A_MAX * T_S + ROUNDING
+        assert abs(command.omega - before.omega) <= OMEGA_DOT_MAX * T_S + ROUNDING
+        if done(run.memory):
+            return
+        before = command
+    assert not arrives, run.memory
 
 
 @pytest.mark.parametrize(
@@ -79,13 +64,14 @@ class Driven:
     ],
 )
 def test_the_robot_brakes_within_its_limits_and_arrives_forwards(preset, start, sheet, speed):
-    run = Driven(limited(preset, **sheet), start, law=PRESETS[preset].law)
-    run.until(lambda memory: memory.command.v < -speed)
-    run.check_forbidden()
+    run = Run(start, limited(preset, **sheet), 0, law=PRESETS[preset].law)
+    drive_until(run, lambda memory: memory.command.v < -speed)
+    check_forbidden(run)
 
 
 def test_at_once_without_limits_of_acceleration():
-    run = Driven(PRESETS["tuned"].config, (6.0, 0.0, 0.0)).until(lambda memory: memory.command.v <= -1.0)
+    run = Run((6.0, 0.0, 0.0), PRESETS["tuned"].config, 0)
+    drive_until(run, lambda memory: memory.command.v <= -1.0)
     run.config = forward(run.config)
     assert all(run.advance().v >= 0.0 for _ in range(300))
     assert run.memory.reached
@@ -104,14 +90,14 @@ def test_in_any_state_of_the_law(sheet, states):
         config = limited(**sheet)._replace(symmetric_yaw_tolerance=number.random() < 0.5)
         reach = 10.0 ** number.uniform(-2.0, 0.7)
         start = [number.uniform(-reach, reach), number.uniform(-reach, reach), number.uniform(-3.1, 3.1)]
-        run = Driven(config, start, memory=memory)
+        run = Run(start, config, 0, memory=memory)
         run.commands.append(memory.command)
-        run.check_forbidden(100, done=lambda memory: memory.command.v >= 0.0 and memory.reached, arrives=False)
+        check_forbidden(run, 100, done=lambda memory: memory.command.v >= 0.0 and memory.reached, arrives=False)
 
 
 def test_on_the_way_to_the_dock():
     drive = limited()
     drive = drive._replace(data_sheet=drive.data_sheet._replace(v_max=0.5))
-    run = Driven(DockingConfig(drive=drive), (0.5, 1.0, 0.0), law=Docking)
-    run.until(lambda memory: memory.stage.phase == STAGING)
-    run.check_forbidden(done=lambda memory: memory.stage.phase == DOCKED)
+    run = Run((0.5, 1.0, 0.0), DockingConfig(drive=drive), 0, law=Docking)
+    drive_until(run, lambda memory: memory.stage.phase == STAGING)
+    check_forbidden(run, done=lambda memory: memory.stage.phase == DOCKED)
