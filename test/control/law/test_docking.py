@@ -54,33 +54,33 @@ class Run:
     goal: Pose = ORIGIN
     seen: object = Estimate
     wall: float = math.inf
-    latency: float = 0.0
-    lag: float = 0.0
     contact: int = CONTACT_UNKNOWN
-    pose: Pose = ORIGIN
     memory: docking.DockingMemory | None = None
     commands: list = field(default_factory=list)
     phases: list = field(default_factory=list)
     poses: list = field(default_factory=list)
 
+    @property
+    def pose(self):
+        return self.poses[-1]
+
     def drive(self, start, duration=60.0, until=(DOCKED, FAILED, UNDOCKED)):
-        robot = Robot(start, self.latency, self.lag)
-        self.pose, self.memory = start, self.memory or new_docking_memory(self.config)
+        sheet = self.config.drive.data_sheet
+        robot = Robot(start, sheet.command_latency, sheet.drive_time_constant)
+        self.memory = self.memory or new_docking_memory(self.config)
         for index in range(round(duration / DT)):
-            dt = DT if index else 0.0
-            estimate = self.seen(self.pose)
-            observation = Observation(estimate, dt, DT, self.contact)
+            observation = Observation(self.seen(robot.pose), DT if index else 0.0, DT, self.contact)
             self.memory, command, report = docking_step(self.memory, observation, self.goal, self.config)
             assert np.isfinite(report).all()
             self.commands.append(command)
-            self.poses.append(self.pose)
+            self.poses.append(robot.pose)
             if self.phases[-1:] != [self.memory.stage.phase]:
                 self.phases.append(self.memory.stage.phase)
             if self.memory.stage.phase in until:
                 return self
             robot.drive(command, DT)
-            self.pose = robot.pose = robot.pose._replace(x=min(robot.pose.x, self.wall))
-        pytest.fail(f"still {docking.PHASE_NAMES[self.memory.stage.phase]} at {self.pose}")
+            robot.pose = robot.pose._replace(x=min(robot.pose.x, self.wall))
+        pytest.fail(f"still {docking.PHASE_NAMES[self.memory.stage.phase]} at {robot.pose}")
 
 
 @pytest.mark.parametrize(("v", "x"), [(0.1, -0.8), (0.03, -0.5), (0.1, -0.2), (0.1, -0.03)])
@@ -242,8 +242,7 @@ def test_another_goal_fails_with_the_reason_at_once(goal):
 @pytest.mark.parametrize(("latency", "lag"), [(0.2, 0.0), (0.15, 0.1)])
 def test_it_docks_in_spite_of_dead_time_and_lag(latency, lag):
     sheet = SHEET._replace(command_latency=latency, drive_time_constant=lag)
-    run = Run(CONFIG._replace(drive=SwitchingConfig(data_sheet=sheet)), latency=latency, lag=lag)
-    run.drive(Pose(-1.5, 0.3, 0.3))
+    run = Run(CONFIG._replace(drive=SwitchingConfig(data_sheet=sheet))).drive(Pose(-1.5, 0.3, 0.3))
     assert (run.memory.stage.phase, run.memory.stage.tries) == (DOCKED, 0)
     assert abs(run.pose.y) < 0.01
     assert abs(run.pose.theta) < 0.01
