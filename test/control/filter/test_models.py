@@ -1,4 +1,4 @@
-"""Arcs, linearisation variance of landmarks and derivatives of the turn rate; test_ekf.py contains the other models."""
+"""Arcs, linearisation variance of landmarks and derivatives of the turn rate; test_ekf.py checks the other models."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,6 @@ from filter_runs import (
 )
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.linalg import expm
 
 from diffbot_control.filter import models
 from diffbot_core.geometry import Pose
@@ -72,10 +71,3 @@ def test_the_turn_rate_is_linearised_at_the_combined_twist_of_wheels_and_gyro():
         combined = build_motion(*body_twist(x, motion)[0], 0.1, 0.0, 0.0, 0.0)
         expected = jacobian(lambda s: np.array([body_twist(s, combined)[0][1] + s[6]]), x)  # noqa: B023
         np.testing.assert_allclose(found.H, expected, atol=1e-8)
-
-
-@CHECK
-@given(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.sampled_from((0.0, 1e-12, -1e-8, 1e-4, 1.0, -3.0)))
-def test_the_arc_correction_is_the_exponential_of_se2(dx, dy, turn):
-    whole = expm(np.array([[0.0, -turn, dx], [turn, 0.0, dy], [0.0, 0.0, 0.0]]))
-    np.testing.assert_allclose(models.arc_correction(dx, dy, turn), whole[:2, 2], atol=1e-7)
