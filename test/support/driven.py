@@ -2,9 +2,8 @@
 
 import math
 
-from diffbot_control.law import switching
 from diffbot_control.law.law import CONTACT_UNKNOWN, Observation
-from diffbot_control.law.switching import new_memory
+from diffbot_control.law.switching import SwitchingLaw
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
 from diffbot_core.uncertainty import CERTAIN, Estimate
@@ -49,23 +48,28 @@ class Robot:
 
 
 class Run:
-    """A run of the law ``switching`` to the origin, without noise; records poses, commands, memories and reports."""
+    """A robot under a law that drives to the origin, without noise; records poses, commands and reports."""
 
-    def __init__(self, start, config, steps=300, latency=0.0, lag=0.0, *, uncertainty=CERTAIN, memory=None, period=T_S):
+    def __init__(self, start, config, steps=300, *, law=SwitchingLaw, uncertainty=CERTAIN, memory=None, period=T_S):
         """Drive for a number of steps; all estimates have the same uncertainty."""
-        self.robot, self.period = Robot(start, latency, lag), period
-        self.poses, self.commands, self.memories, self.reports = [], [], [], []
-        memory = memory or new_memory()
-        for step in range(steps):
-            self.poses.append(self.robot.pose)
-            dt = period if step else 0.0
-            observation = seen(self.robot.pose, uncertainty, dt, period)
-            memory, command, report = switching.step(memory, observation, ORIGIN, config)
-            self.memories.append(memory)
-            self.commands.append(command)
-            self.reports.append(report)
-            self.robot.drive(command, period)
-        self.end = self.robot.pose
+        sheet = law.data_sheet(config)
+        self.robot = Robot(start, sheet.command_latency, sheet.drive_time_constant)
+        self.law, self.config, self.memory = law, config, memory or law.new_memory(config)
+        self.uncertainty, self.period = uncertainty, period
+        self.poses, self.commands, self.reports = [], [], []
+        for _ in range(steps):
+            self.advance()
+
+    def advance(self):
+        """Drive for one step, and return its command."""
+        dt = self.period if self.commands else 0.0
+        observation = seen(self.robot.pose, self.uncertainty, dt, self.period)
+        self.poses.append(self.robot.pose)
+        self.memory, command, report = self.law.step(self.memory, observation, ORIGIN, self.config)
+        self.commands.append(command)
+        self.reports.append(report)
+        self.robot.drive(command, self.period)
+        return command
 
     @property
     def settled_after(self):

@@ -57,8 +57,8 @@ def test_the_prediction_is_the_textbook_prediction_with_random_walks_of_the_erro
     for seed in range(10):
         found, numbers, rng = filled(n, seed)
         x, P, M = found.x.copy(), found.P.copy(), covariance(rng, 2, 0.05, 0.3)
-        rate = {"rate": models.TurnRate(0.4, 0.02)} if with_gyro else {}
-        motion = build_motion(*rng.normal(size=2), 0.2, M[0, 0], M[0, 1], M[1, 1], **rate)
+        rate = models.TurnRate(0.4, 0.02) if with_gyro else models.NO_RATE
+        motion = build_motion(*rng.normal(size=2), 0.2, M[0, 0], M[0, 1], M[1, 1], rate=rate, lateral=0.01)
         ekf.predict(found, numbers, motion)
         F, Q = jacobian(lambda s: moved(s, motion), x), process_noise(x, motion)  # noqa: B023
         walking = range(3, min(n, 7))
@@ -117,10 +117,11 @@ def test_the_correction_is_the_textbook_correction_reduced_by_bound_over_nis_bey
             assert_state(found, x + (x_after - x) / factor, P + (P_after - P) / factor, 1e-7)
 
 
-def test_a_correction_moves_along_an_arc_if_the_heading_is_uncertain():
+@pytest.mark.parametrize("y_theta", [1.2, -0.2, -0.1], ids=["large turn", "small turn", "no turn"])
+def test_a_correction_moves_along_an_arc_if_the_heading_is_uncertain(y_theta):
     P, R = np.diag([0.5, 0.4, 0.9]), np.diag([0.1, 0.2, 0.3])
     P[0, 2] = P[2, 0] = 0.3
-    x, y, numbers = np.array([1.0, 2.0, 0.5]), np.array([0.5, -0.4, 1.2]), options(filter="ekf")
+    x, y, numbers = np.array([1.0, 2.0, 0.5]), np.array([0.5, -0.4, y_theta]), options(filter="ekf")
     found = started(numbers, x, P)
     assert ekf.take(found, numbers, fix(*(x + y), R)) == ACCEPTED
     straight, P_after, _ = textbook(x, P, y, np.eye(3), R)

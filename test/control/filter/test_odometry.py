@@ -10,7 +10,7 @@ from diffbot_control.filter import state
 from diffbot_control.filter.config import EKF, FNN, FilterConfig, LocalizationConfig
 from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.measurement import GyroSample, heading, pose_fix
-from diffbot_control.filter.models import WHEELS, TurnRate
+from diffbot_control.filter.models import NO_RATE, WHEELS, TurnRate
 from diffbot_control.filter.odometry import MESSAGE, MOTION, Densities, OdometryConfig, OdometryStep
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose
@@ -155,14 +155,13 @@ def test_the_reported_twist_is_the_motion_of_the_reported_pose(as_configured, us
     # Small compared with the initial deviations, but large enough for both hypotheses to have a weight.
     errors = np.array([0.006, 0.008, 0.01])
     state.set_errors(found.filter, found.options, WHEELS, errors, np.diag([0.005, 0.005, 0.01]) ** 2)
-    M, rate = TwistCovariance(4e-3, 1e-3, 0.02), TurnRate(0.7, 1e-4)
+    M, rate = TwistCovariance(4e-3, 1e-3, 0.02), TurnRate(0.7, 1e-4) if use_gyro else NO_RATE
     if use_gyro:
         found.on_gyro(GyroSample(100 * MS, *rate))
     before, step = found.estimate().pose, OdometryStep(100 * MS, Twist(1.2, 0.7), M)
     after = found.on_odometry(step)
     twist, covariance = found.twist_of(after, step)
-    motion = build_motion(1.2, 0.7, 0.1, *M, **({"rate": rate} if use_gyro else {}))
-    expected, M_expected = body_twist(after.x, motion)
+    expected, M_expected = body_twist(after.x, build_motion(1.2, 0.7, 0.1, *M, rate=rate))
     np.testing.assert_allclose(twist, expected, rtol=1e-9)
     np.testing.assert_allclose(covariance, M_expected[[0, 0, 1], [0, 1, 1]], rtol=1e-9)
     middle = before.theta + 0.05 * twist.omega

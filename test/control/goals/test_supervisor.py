@@ -1,8 +1,6 @@
 """The supervisor's states in simulated sequences of goals, poses and silence."""
 
-import hashlib
 import math
-import uuid
 
 import pytest
 
@@ -20,7 +18,6 @@ from diffbot_control.goals.states import AT_GOAL as REACHED
 from diffbot_control.goals.states import DRIVING, IDLE, NOT_AT_GOAL, STALE, UNCERTAIN, WAITING
 from diffbot_control.goals.timing import time_remaining
 from diffbot_control.law import PRESETS, PaperConfig, PaperLaw, SwitchingLaw
-from diffbot_control.law.goal_checker import smallest_tolerance
 from diffbot_core.data_sheet import PAPER_DATA_SHEET
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose
@@ -101,32 +98,21 @@ def test_a_held_goal_is_still_controlled_and_counts_once():
         story.pose(AT_GOAL)
     assert story.state == REACHED
     assert story.supervisor.goals_reached == 1
-    # The next goal counts again.
-    story.supervisor.on_goal(Pose(5.0, 0.0, 0.0))
-    story.pose(AT_GOAL)
-    assert (story.state, story.supervisor.report.rho) == (DRIVING, pytest.approx(5.01))
-    for _ in range(2):
-        story.pose(Pose(5.0, 0.0, 0.0))
-    assert story.supervisor.goals_reached == 2
-
-
-def held(**options):
-    """Return a story at a held goal whose tolerance is 0.1 m."""
-    tolerance = PAPER.tolerance._replace(settling_steps=2, xy_goal_tolerance=0.1)
-    story = driving(controller=PAPER._replace(tolerance=tolerance), **options)
-    reach(story)
-    return story
 
 
 def test_a_robot_found_far_from_a_held_goal_never_drives_back():
-    story = held(hold_distance=0.3)
+    tolerance = QUICK.tolerance._replace(xy_goal_tolerance=0.1)
+    options = {"controller": QUICK._replace(tolerance=tolerance), "pose_lost_timeout": 0.0}
+    story = driving(hold_distance=0.3, **options)
+    reach(story)
     assert story.pose(Pose(-0.29, 0.0, 0.0)).v > 0.2
     assert story.state == DRIVING
     assert story.pose(Pose(-0.31, 0.0, 0.0)) == ZERO
     assert (story.state, story.supervisor.goal) == (IDLE, None)
     assert story.supervisor.reason == "the robot was found 0.31 m from the held goal: hold_distance = 0.3 m"
-    # The same after an hour without poses and without a timeout for them.
-    story = held(pose_lost_timeout=0.0)
+    # The same after an hour without poses.
+    story = driving(**options)
+    reach(story)
     story.tick(3600.0)
     assert story.state == STALE
     assert story.pose(Pose(-8.5, 0.0, 0.0), after=0.0) == ZERO
@@ -134,7 +120,8 @@ def test_a_robot_found_far_from_a_held_goal_never_drives_back():
 
 
 def test_a_held_goal_expires_with_the_pose():
-    story = held(pose_lost_timeout=5.0)
+    story = driving(controller=QUICK, pose_lost_timeout=5.0)
+    reach(story)
     story.wait(4.9)
     assert (story.state, story.supervisor.goal) == (STALE, GOAL)
     story.wait(0.2)
@@ -143,7 +130,7 @@ def test_a_held_goal_expires_with_the_pose():
     assert story.supervisor.goals.ended[-1].end == "reached", "its answer stays"
 
 
-def test_cancelling_stops_at_once_and_sends_five_zeros():
+def test_cancelling_a_path_stops_at_once_and_sends_five_zeros():
     story = Story(controller=QUICK)
     story.supervisor.on_path(list(ROUTE))
     for _ in range(2):
@@ -153,27 +140,27 @@ def test_cancelling_stops_at_once_and_sends_five_zeros():
     assert (story.state, progress(story), story.supervisor.report) == (IDLE, (0, 0, None), None)
     assert [story.pose() for _ in range(6)] == [ZERO] * 4 + [None] * 2
     assert story.supervisor.on_cancel() is None
-    # The next goal does not continue the path.
-    story.supervisor.on_goal(GOAL)
-    reach(story)
-    assert progress(story) == (0, 0, GOAL)
 
 
-@pytest.mark.parametrize("event", ["at rest", "newer goal", "no pose", "fault", "stop"])
+FOLLOWING = {
+    "at rest": lambda story: [story.pose() for _ in range(5)],
+    "no pose": lambda story: story.tick(1.0),
+    "newer goal": lambda story: story.supervisor.on_goal(GOAL),
+    "hopeless": lambda story: story.supervisor.give_up("no progress"),
+    "fault": lambda story: story.supervisor.on_fault("broken"),
+    "stop": lambda story: story.supervisor.on_stop("by the end of the node"),
+}
+
+
+@pytest.mark.parametrize("event", FOLLOWING)
 def test_a_cancelled_goal_ends_with_who_cancelled_it_whatever_follows(event):
     story = driving(controller=SLOW_DOWN)
     for _ in range(5):
         story.pose()
     assert story.supervisor.on_cancel("by the operator") != ZERO
     assert story.supervisor.goals.present.is_cancelling
-    if event == "at rest":
-        for _ in range(5):
-            story.pose()
-    elif event == "no pose":
-        story.tick(1.0)
-    else:
-        supervisor = story.supervisor
-        {"newer goal": supervisor.on_goal, "fault": supervisor.on_fault, "stop": supervisor.on_stop}[event](GOAL)
+    answer = FOLLOWING[event](story)
+    assert event != "no pose" or answer == ZERO
     assert story.supervisor.goals.ended[-1].text == "cancelled: by the operator"
 
 
@@ -183,18 +170,13 @@ def test_a_tolerance_below_the_uncertainty_is_reported_at_rest_only(uncertainty)
     for pose in (AWAY, Pose(-0.3, 0.0, 0.0), Pose(0.0, 0.0, 0.09)):
         story.pose(pose, uncertainty=uncertainty)
         assert story.state == DRIVING, "far away, near and moving, near and turning"
-    # 99 % of a Rayleigh and of a normal distribution.
-    expected = 3.0349 * uncertainty.xy, 2.5758 * uncertainty.theta
-    found = smallest_tolerance(story.supervisor.tolerance, story.supervisor.uncertainty)
-    assert found == pytest.approx(expected, rel=1e-4)
     for _ in range(5):
         story.pose(AT_GOAL, uncertainty=uncertainty)
         assert story.state == UNCERTAIN
-    assert story.supervisor.goals_reached == 0
     # With a better estimate the goal is reached after two poses, and stays reached.
     reach(story)
     story.pose(AT_GOAL, uncertainty=uncertainty)
-    assert story.state == REACHED
+    assert (story.state, story.supervisor.goals_reached) == (REACHED, 1)
 
 
 @pytest.mark.parametrize("before", ["nothing", "a long silence", "a pose", "a clock set back"])
@@ -208,29 +190,25 @@ def test_a_goal_without_poses_ends_after_pose_lost_timeout(before):
         story.pose()
     if before == "a clock set back":
         story.now = 0.0
-    for _ in range(18):
-        story.tick()
-    assert list(story.supervisor.goals.ended) == []
-    for _ in range(5):
-        story.tick()
+    story.wait(1.8)
+    assert not story.supervisor.goals.ended
+    story.wait(0.5)
     (record,) = story.supervisor.goals.ended
     assert (record.end, record.reason) == (POSE_LOST, "no pose for pose_lost_timeout = 2 s")
     assert (story.state, story.supervisor.goal) == (NOT_AT_GOAL, None)
 
 
 def test_poses_whose_stamp_does_not_advance_stop_the_robot_and_lose_the_goal():
-    story = driving(controller=PAPER, pose_timeout=0.5, pose_lost_timeout=5.0)
+    story = driving(controller=PAPER, pose_timeout=0.52, pose_lost_timeout=5.0)
     command = story.pose()
-    stamp, began = round(story.now * 1e9), story.now
-    memory = story.supervisor.memory
-    while (age := story.now + 0.05 - began) < 4.99:
+    stamp, memory = round(story.now * 1e9), story.supervisor.memory
+    for number in range(1, 100):
         story.now += 0.05
-        answer = story.supervisor.on_pose(stamp, story.now, AWAY._replace(x=-3.0 + 0.01 * max(age - 2.0, 0.0)))
-        assert story.supervisor.memory == memory or age > 0.5, "no step"
-        stopped = story.supervisor.on_tick(story.now)
-        overdue = story.now - began > 0.5 + 1e-9
-        assert (answer, stopped) == ((ZERO, ZERO) if overdue else (None, None))
-        assert story.state == (STALE if overdue else DRIVING)
+        answer = story.supervisor.on_pose(stamp, story.now, AWAY._replace(x=-3.0 + 1e-3 * number))
+        is_overdue = number > 10
+        assert (answer, story.tick(0.0)) == ((ZERO, ZERO) if is_overdue else (None, None))
+        assert story.state == (STALE if is_overdue else DRIVING)
+        assert is_overdue or story.supervisor.memory == memory, "no step"
     story.tick(0.1)
     assert (story.state, story.supervisor.goals.ended[-1].end) == (NOT_AT_GOAL, POSE_LOST)
     # A later stamp counts again.
@@ -258,20 +236,17 @@ def test_a_correction_changes_neither_memory_nor_records_and_ends_with_the_goal(
     assert (story.supervisor.goal, story.supervisor.updates) == (GOAL, 0), "a reached goal is not corrected"
 
 
-@pytest.mark.parametrize(
-    ("goal", "text"),
-    [
+def test_a_correction_that_jumps_is_refused_and_changes_nothing():
+    supervisor = driving().supervisor
+    for goal, text in (
         (Pose(0.0, 0.51, 0.0), "far from the goal: 0.51 m, goal_update_distance = 0.5 m"),
         (Pose(0.1, 0.0, 2.0 * math.pi - 0.51), "heading differs from the goal: 0.51 rad, at most 0.5 rad"),
-    ],
-)
-def test_a_jump_is_refused_and_changes_nothing(goal, text):
-    story = driving()
-    with pytest.raises(BadMessageError, match=text):
-        story.supervisor.on_goal_update(goal)
-    assert (story.supervisor.goal, story.supervisor.updates) == (GOAL, 0)
-    story.supervisor.on_goal_update(Pose(0.0, 0.49, 2.0 * math.pi + 0.49))
-    assert story.supervisor.updates == 1
+    ):
+        with pytest.raises(BadMessageError, match=text):
+            supervisor.on_goal_update(goal)
+        assert (supervisor.goal, supervisor.updates) == (GOAL, 0)
+    supervisor.on_goal_update(Pose(0.0, 0.49, 2.0 * math.pi + 0.49))
+    assert supervisor.updates == 1
 
 
 ROUTE = [Pose(2.0, 0.0, 0.0), Pose(2.0, 3.0, 1.0), Pose(-1.0, 1.0, -2.0)]
@@ -307,20 +282,14 @@ def test_a_path_is_driven_goal_by_goal_and_the_last_is_held():
 
 def test_waypoints_within_the_radius_are_passed_before_the_step_and_the_last_one_is_reached():
     story = Story(controller=QUICK, waypoint_radius=0.4)
-    story.supervisor.on_path(list(ROUTE))
-    story.pose(ROUTE[0]._replace(x=ROUTE[0].x + 0.41))
-    assert progress(story) == (1, 3, ROUTE[0])
-    assert story.pose(ROUTE[0]._replace(x=ROUTE[0].x + 0.39)).v != 0.0, "without a stop"
-    assert progress(story) == (2, 3, ROUTE[1])
     # Several waypoints at once, but only consecutive ones, and never the last one.
     story.supervisor.on_path([Pose(0.1 * i, 0.0, 0.0) for i in range(10)])
-    story.pose(Pose(0.0, 0.0, 0.0))
-    assert (story.supervisor.waypoint, story.supervisor.goal.x) == (5, pytest.approx(0.4))
-    assert story.supervisor.report.rho == pytest.approx(0.4), "the step drives to the new goal"
-    story.pose(Pose(0.9, 0.0, 0.0))
-    assert (story.supervisor.waypoint, len(story.supervisor.goals_ahead)) == (5, 6)
-    story.pose(Pose(0.7, 0.0, 0.0))
-    assert (story.supervisor.waypoint, story.supervisor.goal.x) == (10, pytest.approx(0.9))
+    for x, waypoint in ((-0.41, 1), (0.0, 5), (0.9, 5), (0.7, 10)):
+        assert story.pose(Pose(x, 0.0, 0.0)).v != 0.0, "without a stop"
+        goal = 0.1 * (waypoint - 1)
+        assert progress(story)[:2] == (waypoint, 10)
+        assert story.supervisor.goal.x == pytest.approx(goal)
+        assert story.supervisor.report.rho == pytest.approx(abs(goal - x)), "the step drives to the new goal"
     for _ in range(2):
         assert story.state == DRIVING
         story.pose(Pose(0.9, 0.0, 0.0))
@@ -343,19 +312,6 @@ def test_a_path_that_is_planned_again_to_the_same_goal_does_not_count_as_progres
     assert time_to_end([GOAL, Pose(0.5, 0.0, 0.0)]) is None, "another goal begins anew"
 
 
-@pytest.mark.parametrize(
-    ("options", "end"), [({"pose_lost_timeout": 2.0}, POSE_LOST), ({"goal_timeout": 2.0}, NOT_REACHED)]
-)
-def test_a_goal_that_is_given_up_names_what_hinders_the_robot(options, end):
-    story = driving(**options)
-    story.supervisor.problem = "no base subscribes to /cmd_vel"
-    story.wait(3.0)
-    record = story.supervisor.goals.ended[-1]
-    assert record.end == end
-    assert record.reason.endswith("; no base subscribes to /cmd_vel")
-    assert story.supervisor.reason == record.reason
-
-
 @pytest.mark.parametrize("hold_goal", [False, True])
 def test_a_goal_that_is_reached_with_a_doubtful_pose_names_the_fault(hold_goal):
     story = driving(hold_goal=hold_goal)
@@ -367,21 +323,17 @@ def test_a_goal_that_is_reached_with_a_doubtful_pose_names_the_fault(hold_goal):
     assert story.supervisor.reason == ""
 
 
-def test_a_goal_that_takes_too_long_is_given_up_with_the_reason_and_braking():
+def test_a_goal_that_takes_too_long_is_given_up_with_the_reason_what_hinders_the_robot_and_braking():
     story = driving(controller=SLOW_DOWN, goal_timeout=2.0)
+    story.supervisor.problem = "no base subscribes to /cmd_vel"
     for _ in range(20):
         story.pose(FAR)
-        assert story.state == DRIVING
-        assert story.supervisor.reason == ""
-    last = story.pose(FAR)
-    assert story.state == NOT_AT_GOAL
-    assert story.supervisor.reason == "not reached within goal_timeout = 2 s"
-    assert story.supervisor.goal is None
-    # The robot brakes within its limits.
-    speeds = [story.pose(FAR).v for _ in range(15)]
-    assert last.v == pytest.approx(1.2)
-    assert speeds == pytest.approx([max(1.2 - 0.1 * step, 0.0) for step in range(1, 13)] + [0.0] * 3, abs=1e-12)
-    assert story.state == NOT_AT_GOAL
+        assert (story.state, story.supervisor.reason) == (DRIVING, "")
+    assert story.pose(FAR).v == pytest.approx(1.2)
+    assert (story.state, story.supervisor.goal) == (NOT_AT_GOAL, None)
+    assert story.supervisor.reason == "not reached within goal_timeout = 2 s; no base subscribes to /cmd_vel"
+    speeds = [story.pose(FAR).v for _ in range(13)]
+    assert speeds == pytest.approx([1.2 - 0.1 * step for step in range(1, 13)] + [0.0], abs=1e-12)
     # The next goal has its own time.
     story.supervisor.on_goal(GOAL)
     story.pose(FAR, after=30.0)
@@ -395,11 +347,8 @@ def test_a_command_beyond_lowered_limits_is_reported_until_the_limits_hold():
     assert not story.supervisor.is_beyond_limits
     lowered = SLOW_DOWN._replace(data_sheet=SLOW_DOWN.data_sheet._replace(v_max=0.65))
     story.supervisor.config = SupervisorConfig(controller=lowered)
-    reports = []
-    for _ in range(5):
-        command = story.pose()
-        reports.append((round(command.v, 3), story.supervisor.is_beyond_limits))
-    assert reports == [(0.8, True), (0.7, True), (0.65, False), (0.65, False), (0.65, False)]
+    reports = [(round(story.pose().v, 3), story.supervisor.is_beyond_limits) for _ in range(4)]
+    assert reports == [(0.8, True), (0.7, True), (0.65, False), (0.65, False)]
 
 
 def test_a_goal_has_a_finite_time_from_its_acceptance_on_that_grows_with_the_route():
@@ -419,27 +368,24 @@ def test_a_goal_has_a_finite_time_from_its_acceptance_on_that_grows_with_the_rou
 
 def test_a_book_knows_its_goals_by_their_ids_and_the_newest_accepted_one():
     book = GoalBook()
-    for number in range(40):
-        book.close(REPLACED, "", 1.0)
-        book.accept(GoalRequest(str(number)))
+
+    def accept(numbers):
+        for number in numbers:
+            book.close(REPLACED, "", 1.0)
+            book.accept(GoalRequest(str(number)))
+
+    accept(range(40))
     book.refuse(GoalRequest("bad"), REFUSED, "why")
     assert book.newest.request.id == "39"
     assert [one.request.id for one in book.ended] == [*map(str, range(8, 39)), "bad"]
-    assert all(book.knows(one) for one in ("0", "39", "bad"))
-    assert not book.knows("")
-    assert not book.knows("40")
-    for number in range(40, 1100):
-        book.close(REPLACED, "", 1.0)
-        book.accept(GoalRequest(str(number)))
+    assert [book.knows(one) for one in ("0", "39", "bad", "", "40")] == [True, True, True, False, False]
+    accept(range(40, 1100))
     assert not book.knows("0"), "a message that is repeated so late is a new goal"
 
 
 def test_the_id_of_a_goal_is_the_uuid_of_its_frame_and_stamp():
-    # RFC 9562, 5.5: SHA-1 of the namespace and the name, with version and variant.
-    name = b"map 1700000000000000001"
-    digest = bytearray(hashlib.sha1(uuid.NAMESPACE_OID.bytes + name).digest()[:16])
-    digest[6], digest[8] = digest[6] & 0x0F | 0x50, digest[8] & 0x3F | 0x80
-    assert goal_id("map", 1700000000000000001) == digest.hex()
+    # python3 -c "import uuid; print(uuid.uuid5(uuid.NAMESPACE_OID, 'map 1700000000000000001').hex)"
+    assert goal_id("map", 1700000000000000001) == "9168e7ebdda954468b4542eeab2a1e75"
 
 
 def test_time_remaining_begins_with_the_limit_and_goes_on_with_the_mean_speed():
@@ -473,9 +419,10 @@ def test_a_blocked_robot_ends_with_no_progress_and_a_slow_one_drives_on():
 def test_a_goal_that_is_too_narrow_for_the_estimate_ends_after_a_minute_with_the_smallest_tolerance():
     story = driving(controller=QUICK, goal_timeout=0.0)
     assert seconds_until_given_up(story, lambda _: AT_GOAL, UNSURE) == pytest.approx(60.0, abs=1.0)
+    # 99 % of a Rayleigh and of a normal distribution: 3.0349 * 0.3 m and 2.5758 * 0.01 rad.
     smallest = "the smallest possible tolerances are 0.91 m and 0.0258 rad"
     assert story.supervisor.reason == f"the estimate is too uncertain: {smallest}"
-    # With half the uncertainty it is reached.
+    # With 0.4 times the uncertainty it is reached.
     story = driving(controller=QUICK, uncertainty_scale=0.4)
     for _ in range(2):
         story.pose(AT_GOAL, uncertainty=UNSURE)
@@ -503,23 +450,6 @@ def test_a_law_that_never_reaches_a_near_goal_is_given_up_even_without_a_timeout
     assert story.supervisor.reason == reason
 
 
-@pytest.mark.parametrize("jump", [-50.0, 1e6])
-def test_a_clock_that_is_set_does_not_change_the_timeout(jump):
-    story = driving(goal_timeout=20.0)
-    spent = 0.0
-    for _ in range(250):
-        story.pose(FAR)
-        story.tick(0.0)
-        spent += 0.1
-        if round(10 * spent) == 50:
-            story.now += jump
-            story.tick(0.0)
-        if story.state == NOT_AT_GOAL:
-            break
-    assert spent == pytest.approx(20.0, abs=1.2)
-    assert story.supervisor.goals.ended[-1].elapsed == pytest.approx(20.0, abs=0.11)
-
-
 def test_a_controller_that_was_suspended_ends_its_goal():
     story = driving()
     steady = 7.0
@@ -533,26 +463,27 @@ def test_a_controller_that_was_suspended_ends_its_goal():
     assert (record.end, record.reason) == (NOT_REACHED, "the controller was suspended for 2.3 s")
 
 
-def limited_speeds(arrivals):
-    """Return the speeds of a robot with 1 m/s^2; an arrival is the time since the last pose, by its stamp and true."""
+REGULAR = [(0.05, 0.05)] * 5
+
+
+@pytest.mark.parametrize(
+    ("arrivals", "expected"),
+    [
+        (REGULAR, [0.0, 0.05, 0.1, 0.15, 0.2]),
+        # Stamps 5 s ahead: 0.05 s have passed, and 0.05 s of jitter are allowed once.
+        ([*REGULAR, (5.0, 0.05), (5.0, 0.05)], [0.3, 0.35]),
+        # A hiccup of 0.4 s whose eight poses come at once: 0.05 s by the stamp, 0.05 s of jitter, and 7 ms.
+        ([*REGULAR, (0.05, 0.4), *[(0.05, 0.001)] * 7], [0.307]),
+    ],
+)
+def test_the_limits_of_acceleration_use_only_the_time_since_the_last_command(arrivals, expected):
+    """An arrival is the time since the last pose, by its stamp and true; the robot has 1 m/s^2."""
     supervisor, stamp, steady, speeds = Supervisor(SupervisorConfig(controller=SLOW_DOWN), PaperLaw), 100.0, 7.0, []
     supervisor.on_goal(GOAL)
     for by_stamp, passed in arrivals:
         stamp, steady = stamp + by_stamp, steady + passed
-        if passed > supervisor.config.pose_timeout:
-            assert supervisor.on_tick(stamp - 0.01) == ZERO, "the watch has stopped it"
         speeds.append(supervisor.on_pose(round(stamp * 1e9), stamp, FAR, CERTAIN, steady).v)
-    return speeds
-
-
-def test_the_limits_of_acceleration_use_only_the_time_since_the_last_command():
-    regular = [(0.05, 0.05)] * 5
-    assert limited_speeds(regular) == pytest.approx([0.0, 0.05, 0.1, 0.15, 0.2])
-    # Stamps 5 s ahead: 0.05 s have passed, and 0.05 s of jitter are allowed once.
-    assert limited_speeds([*regular, (5.0, 0.05), (5.0, 0.05)])[-2:] == pytest.approx([0.3, 0.35])
-    # A hiccup of 0.4 s whose eight poses come at once.
-    burst = limited_speeds([*regular, (0.05, 0.4), *[(0.05, 0.001)] * 7])
-    assert burst[-1] - burst[4] <= 0.05 + 0.05 + 0.007 + 1e-9
+    assert speeds[-len(expected) :] == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("own", [0.0, 1.0])

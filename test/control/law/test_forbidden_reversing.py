@@ -3,15 +3,14 @@
 import random
 
 import pytest
-from driven import ORIGIN, T_S, Robot, seen
+from driven import T_S, Run
 
 from diffbot_control.law.configuration import DockingConfig
-from diffbot_control.law.docking import DOCKED, STAGING, UNDOCKED, UNDOCKING, Docking
+from diffbot_control.law.docking import DOCKED, STAGING, Docking
 from diffbot_control.law.regions import OMEGA_G, OMEGA_L, Switching
 from diffbot_control.law.registry import PRESETS
 from diffbot_control.law.steering import BACKWARD, FORWARD, UNDECIDED, Approach
-from diffbot_control.law.switching import SwitchingLaw, new_memory
-from diffbot_core.geometry import Pose
+from diffbot_control.law.switching import new_memory
 from diffbot_core.kinematics import Twist
 
 A_MAX, OMEGA_DOT_MAX = 0.8, 3.0
@@ -32,67 +31,50 @@ def forward(config):
     return config._replace(allow_backward=False)
 
 
-class Driven:
-    """A robot under a law, and its commands."""
-
-    def __init__(self, config, start, goal=ORIGIN, *, memory=None, law=SwitchingLaw):
-        sheet = law.data_sheet(config)
-        self.robot = Robot(start, sheet.command_latency, sheet.drive_time_constant)
-        self.config, self.goal, self.law = config, goal, law
-        self.memory = memory or law.new_memory(config)
-        self.commands = []
-
-    def advance(self):
-        observation = seen(self.robot.pose, dt=T_S if self.commands else 0.0)
-        self.memory, command, _ = self.law.step(self.memory, observation, self.goal, self.config)
-        self.robot.drive(command)
-        self.commands.append(command)
-        return command
-
-    def until(self, condition, steps=600):
-        """Advance until the robot reverses and ``condition(memory)`` is true."""
-        for _ in range(steps):
-            if self.advance().v < -0.02 and condition(self.memory):
-                return self
-        raise AssertionError("the robot did not reach this state")
-
-    def check_forbidden(self, steps=600, done=lambda memory: memory.reached, arrives=True):
-        """Forbid reversing; check each command against the one before, and that the robot ``arrives``."""
-        self.config = forward(self.config)
-        before = self.commands[-1]
-        assert before.v < 0.0
-        for _ in range(steps):
-            command = self.advance()
-            assert command.v >= min(before.v + A_MAX * T_S, 0.0) - ROUNDING, "braked as hard as the limit allows"
-            assert abs(command.v - before.v) <= A_MAX * T_S + ROUNDING
-            assert abs(command.omega - before.omega) <= OMEGA_DOT_MAX * T_S + ROUNDING
-            if done(self.memory):
-                return
-            before = command
-        assert not arrives, self.memory
+def drive_until(run, condition):
+    """Advance until the robot reverses and ``condition(memory)`` is true."""
+    for _ in range(600):
+        if run.advance().v < -0.02 and condition(run.memory):
+            return
+    raise AssertionError("the robot did not reach this state")
 
 
-@pytest.mark.parametrize("sheet", [{}, LAGGING])
+def check_forbidden(run, steps=600, done=lambda memory: memory.reached, arrives=True):
+    """Forbid reversing; check each command against the one before, and that the robot ``arrives``."""
+    run.config = forward(run.config)
+    before = run.commands[-1]
+    assert before.v < 0.0
+    for _ in range(steps):
+        command = run.advance()
+        assert command.v >= min(before.v + A_MAX * T_S, 0.0) - ROUNDING, "braked as hard as the limit allows"
+        assert abs(command.v - before.v) <= A_MAX * T_S + ROUNDING
+        assert abs(command.omega - before.omega) <= OMEGA_DOT_MAX * T_S + ROUNDING
+        if done(run.memory):
+            return
+        before = command
+    assert not arrives, run.memory
+
+
 @pytest.mark.parametrize(
-    ("start", "region", "speed"),
-    [((6.0, 0.0, 0.0), OMEGA_G, 0.9), ((4.0, 2.0, 1.0), OMEGA_G, 0.9), ((2.0, 0.1, 0.0), OMEGA_L, 0.02)],
+    ("preset", "start", "sheet", "speed"),
+    [
+        ("tuned", (6.0, 0.0, 0.0), {}, 0.9),
+        ("tuned", (4.0, 2.0, 1.0), LAGGING, 0.9),
+        ("paper", (3.0, 0.0, 0.0), {}, 0.5),
+    ],
 )
-def test_in_both_regions(start, region, speed, sheet):
-    run = Driven(limited(**sheet), start)
-    run.until(lambda memory: memory.switching.region == region and memory.command.v < -speed)
-    run.check_forbidden()
+def test_the_robot_brakes_within_its_limits_and_arrives_forwards(preset, start, sheet, speed):
+    run = Run(start, limited(preset, **sheet), 0, law=PRESETS[preset].law)
+    drive_until(run, lambda memory: memory.command.v < -speed)
+    check_forbidden(run)
 
 
 def test_at_once_without_limits_of_acceleration():
-    run = Driven(PRESETS["tuned"].config, (6.0, 0.0, 0.0)).until(lambda memory: memory.command.v <= -1.0)
+    run = Run((6.0, 0.0, 0.0), PRESETS["tuned"].config, 0)
+    drive_until(run, lambda memory: memory.command.v <= -1.0)
     run.config = forward(run.config)
     assert all(run.advance().v >= 0.0 for _ in range(300))
     assert run.memory.reached
-
-
-def test_with_the_papers_law():
-    run = Driven(limited("paper"), (3.0, 0.0, 0.0), law=PRESETS["paper"].law).until(lambda one: one.command.v < -0.5)
-    run.check_forbidden()
 
 
 @pytest.mark.parametrize(("sheet", "states"), [({}, 60), (LAGGING, 10)])
@@ -108,33 +90,14 @@ def test_in_any_state_of_the_law(sheet, states):
         config = limited(**sheet)._replace(symmetric_yaw_tolerance=number.random() < 0.5)
         reach = 10.0 ** number.uniform(-2.0, 0.7)
         start = [number.uniform(-reach, reach), number.uniform(-reach, reach), number.uniform(-3.1, 3.1)]
-        run = Driven(config, start, memory=memory)
+        run = Run(start, config, 0, memory=memory)
         run.commands.append(memory.command)
-        run.check_forbidden(100, done=lambda memory: memory.command.v >= 0.0 and memory.reached, arrives=False)
-
-
-def docking(start, **options):
-    drive = limited()
-    drive = drive._replace(data_sheet=drive.data_sheet._replace(v_max=0.5))
-    return Driven(DockingConfig(drive=drive), start, law=Docking, **options)
+        check_forbidden(run, 100, done=lambda memory: memory.command.v >= 0.0 and memory.reached, arrives=False)
 
 
 def test_on_the_way_to_the_dock():
-    run = docking((0.5, 1.0, 0.0)).until(lambda memory: memory.stage.phase == STAGING)
-    phases = set()
-
-    def done(memory):
-        phases.add(memory.stage.phase)
-        return memory.stage.phase == DOCKED
-
-    run.check_forbidden(done=done)
-    assert STAGING in phases
-
-
-def test_a_robot_still_leaves_its_dock_backwards():
-    run = docking((0.0, 0.0, 0.0), goal=Pose(-0.7, 0.0, 0.0))
-    run.config = forward(run.config)
-    run.until(lambda memory: memory.stage.phase == UNDOCKING)
-    while run.memory.stage.phase == UNDOCKING:
-        run.advance()
-    assert run.memory.stage.phase == UNDOCKED
+    drive = limited()
+    drive = drive._replace(data_sheet=drive.data_sheet._replace(v_max=0.5))
+    run = Run((0.5, 1.0, 0.0), DockingConfig(drive=drive), 0, law=Docking)
+    drive_until(run, lambda memory: memory.stage.phase == STAGING)
+    check_forbidden(run, done=lambda memory: memory.stage.phase == DOCKED)

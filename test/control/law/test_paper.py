@@ -30,16 +30,20 @@ FREE = PaperConfig(data_sheet=DataSheet(INF, INF, INF, INF, INF))
 
 
 def printed_laws(pose, near, gains):
-    """Return (13) or (17), with the goal at the origin, in complex numbers; v along the real axis."""
+    """Return (13) or (17), with the goal at the origin, in complex numbers, v along the real axis; and the variables.
+
+    The variables are rho, alpha, beta, theta and the Lyapunov function of the region.
+    """
     gamma, k, h, k_2 = gains
-    to_goal = -complex(pose[0], pose[1])
+    theta, to_goal = pose[2], -complex(pose[0], pose[1])
     rho, beta = abs(to_goal), cmath.phase(to_goal)
-    alpha = cmath.phase(cmath.exp(1j * (beta - pose[2])))
+    alpha = cmath.phase(cmath.exp(1j * (beta - theta)))
     v = gamma * math.tanh(rho) * math.cos(alpha)
     if near:
-        return v, -k_2 * pose[2]
+        return (v, -k_2 * theta), (rho, alpha, beta, theta, 0.5 * (rho**2 + theta**2))
     bend = gamma * math.sin(alpha) / alpha * math.tanh(rho) / rho * math.cos(alpha)
-    return v, k * alpha + bend * (alpha + h * beta)
+    omega = k * alpha + bend * (alpha + h * beta)
+    return (v, omega), (rho, alpha, beta, theta, 0.5 * (rho**2 + alpha**2 + h * beta**2))
 
 
 @pytest.mark.parametrize(
@@ -51,40 +55,27 @@ def printed_laws(pose, near, gains):
     ],
     ids=["scenario A", "goal behind", "other gains"],
 )
-def test_a_drive_without_noise_equals_the_printed_law(pose, gains):
-    near, memory, regions = False, new_paper_memory(), []
+def test_commands_and_report_of_a_drive_without_noise_are_those_of_the_printed_law(pose, gains):
+    near, memory, regions, goal = False, new_paper_memory(), [], Pose(1.0, 2.0, 0.5 * math.pi)
     config = FREE if gains == FREE.gains else FREE._replace(gains=PaperGains(*gains))
     for _ in range(300):
-        rho = math.hypot(pose[0], pose[1])
-        near = rho <= 0.6 if near else rho < 0.5
-        v, omega = printed_laws(pose, near, gains)
-        memory, command, report = paper_step(memory, seen(Pose(*pose)), ORIGIN, config)
+        x, y, theta = pose
+        near = math.hypot(x, y) <= 0.6 if near else math.hypot(x, y) < 0.5
+        (v, omega), variables = printed_laws(pose, near, gains)
+        on_map = Pose(goal.x - y, goal.y + x, goal.theta + theta)
+        memory, command, report = paper_step(memory, seen(on_map), goal, config)
         assert command == pytest.approx((v, omega), abs=1e-12)
-        assert (report.rho, report.region) == (pytest.approx(rho, abs=1e-12), int(near))
-        assert report.eps_P == (0.6 if near else 0.5)
+        found = report.rho, report.alpha, report.beta, report.theta, report.lyapunov
+        assert found == pytest.approx(variables, abs=1e-12)
+        assert (report.eps_P, report.region) == ((0.6, OMEGA_L) if near else (0.5, OMEGA_G))
         regions.append(report.region)
         # Eq. (3) as printed.
-        x, y, theta = pose
         pose = (x + T_S * v * math.cos(theta), y + T_S * v * math.sin(theta), theta + T_S * omega)
-    assert (regions[0], regions[-1]) == (OMEGA_G, OMEGA_L)
     assert [region for region, _ in itertools.groupby(regions)] == [OMEGA_G, OMEGA_L]
     # The lateral error at the entry of Omega_L remains.
     assert (pose[0], pose[2]) == pytest.approx((0.0, 0.0), abs=1e-6)
     assert 0.01 < abs(pose[1]) < 0.5
     assert memory.reached
-
-
-def test_the_report_holds_the_variables_of_the_step():
-    pose, goal = Pose(1.0, 5.0, math.pi), Pose(1.0, 2.0, 0.5 * math.pi)
-    # In the goal's frame: (3, 0, pi/2); the goal lies behind along -x: beta = pi, alpha = pi/2.
-    _, _, report = paper_step(new_paper_memory(), seen(pose), goal, FREE)
-    variables = (report.rho, report.alpha, report.beta, report.theta)
-    assert variables == pytest.approx((3.0, math.pi / 2, math.pi, math.pi / 2), abs=1e-12)
-    assert report.lyapunov == pytest.approx(0.5 * (9.0 + (math.pi / 2) ** 2 + 0.17 * math.pi**2))
-    near = new_paper_memory()._replace(region=OMEGA_L)
-    _, _, report = paper_step(near, seen(Pose(-0.55, 0.0, 0.2)), ORIGIN, FREE)
-    assert (report.eps_P, report.region) == (0.6, OMEGA_L)
-    assert report.lyapunov == pytest.approx(0.5 * (0.55**2 + 0.2**2))
 
 
 @pytest.mark.parametrize(
@@ -103,9 +94,7 @@ def test_the_region_has_a_hysteresis(before, rho, after):
     assert memory.region == report.region == after
 
 
-def test_the_radius_meets_the_papers_condition_and_the_leaving_radius_is_larger():
-    # Section 3.2: eps_P > |eps_rho| + |eps_v| / gamma, with the noise of section 4.1.
-    assert PaperConfig().eps_P > math.hypot(0.3, 0.3) + 0.065 / PaperConfig().gains.gamma
+def test_a_leaving_radius_below_the_entering_radius_is_refused():
     with pytest.raises(InvalidValueError, match=r"eps_P_leave = 0\.3: must be >= eps_P = 0\.5"):
         build(PaperConfig, {"eps_P_leave": 0.3})
 

@@ -40,7 +40,6 @@ def test_a_name_that_is_not_registered_is_refused_with_the_registered_laws(text)
         ("class Law(laws.Law)", "class Law", "a class derived from diffbot_control.law.Law"),
         ("lambda config: Memory()", "lambda: Memory()", "takes 0 positional arguments but 1 was given"),
         ("data_sheet: DataSheet = DataSheet()", "data_sheet: int = 1", "data_sheet(config) is a DataSheet"),
-        ("tolerance: laws.GoalTolerance = laws.GoalTolerance()", "other: int = 1", "AttributeError"),
         ("lambda config: Memory()", "lambda config: config.missing", "AttributeError"),
         ("reached: bool", "arrived: bool", "whose memory has the field reached"),
         ("from typing", "from typing (", "SyntaxError"),

@@ -13,36 +13,28 @@ def watch():
     return InputWatch("odom", ("left", "right"), {"detected_dock_pose": 0.3})
 
 
-def with_ages(**ages):
-    """Return a watch that has received one message of these ages [s] in each of two windows."""
+@pytest.mark.parametrize(
+    ("ages", "is_simulated", "texts"),
+    [
+        ({"odom": 0.4, "global_pose": 0.0}, False, ["global_pose is stamped 0.40 s ahead of odom"]),
+        ({"odom": 0.0, "global_pose": 5.0}, False, ["global_pose is stamped 5.00 s behind odom"]),
+        ({"odom": 0.0, "imu": -3600.0, "global_pose": 0.05}, False, ["imu is stamped 3600.00 s ahead of odom"]),
+        ({"odom": 7200.0, "global_pose": 7200.05, "imu": 7199.95}, False, []),
+        ({"odom": 0.0, "detected_dock_pose": 0.35}, False, []),
+        ({"odom": 0.0, "detected_dock_pose": 0.5}, False, ["detected_dock_pose is stamped 0.50 s behind odom"]),
+        # Simulated time may be received late.
+        ({"odom": 0.2, "global_pose": 0.0}, True, []),
+    ],
+)
+def test_different_clocks_are_reported_with_both_topics_and_the_difference(ages, is_simulated, texts):
     subject = watch()
-    for window in range(2):
-        now = NOW + window * 2 * 10**9
+    for now in (NOW, NOW + 2 * 10**9):
         for topic, age in ages.items():
             subject.clocks.add(topic, now - round(age * 1e9), now)
         subject.clocks.end_window()
-    return subject
-
-
-@pytest.mark.parametrize(
-    ("ages", "texts"),
-    [
-        ({"odom": 0.4, "global_pose": 0.0}, ["global_pose is stamped 0.40 s ahead of odom"]),
-        ({"odom": 0.0, "global_pose": 5.0}, ["global_pose is stamped 5.00 s behind odom"]),
-        ({"odom": 0.0, "imu": -3600.0, "global_pose": 0.05}, ["imu is stamped 3600.00 s ahead of odom"]),
-        ({"odom": 7200.0, "global_pose": 7200.05, "imu": 7199.95}, []),
-        ({"odom": 0.0, "detected_dock_pose": 0.35}, []),
-        ({"odom": 0.0, "detected_dock_pose": 0.5}, ["detected_dock_pose is stamped 0.50 s behind odom"]),
-    ],
-)
-def test_different_clocks_are_reported_with_both_topics_and_the_difference(ages, texts):
-    found = list(with_ages(**ages).faults(AGREES, is_simulated=False).values())
+    found = list(subject.faults(AGREES, is_simulated=is_simulated).values())
     assert [text.split(":")[0] for text in found] == texts
     assert all("chrony" in text for text in found)
-
-
-def test_simulated_time_may_be_received_late():
-    assert not with_ages(odom=0.2, global_pose=0.0).faults(AGREES, is_simulated=True)
 
 
 @pytest.mark.parametrize(
@@ -65,9 +57,8 @@ def test_a_gyro_that_contradicts_the_wheels_is_reported(turns, text):
 def test_joints_are_reported_until_a_wheel_is_received():
     subject = watch()
     subject.receive_joints(("wheel_l", "wheel_r"), has_wheels=False)
-    assert (
-        "neither 'left' nor 'right', but wheel_l, wheel_r" in subject.faults(AGREES, is_simulated=False)["joint_states"]
-    )
+    fault = subject.faults(AGREES, is_simulated=False)["joint_states"]
+    assert "neither 'left' nor 'right', but wheel_l, wheel_r" in fault
     subject.receive_joints(("left", "right"), has_wheels=True)
     subject.receive_joints(("arm",), has_wheels=False)
     assert not subject.faults(AGREES, is_simulated=False)

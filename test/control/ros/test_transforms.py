@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from diffbot_control.ros.messages.conversions import path_from
 from diffbot_control.ros.tf import Tf2Transforms
-from diffbot_control.ros.transforms import StaticTransforms, pose_in_frame, transformed
+from diffbot_control.ros.transforms import StaticTransforms, transformed
 from diffbot_core.errors import BadMessageError
 
 SECOND = 10**9
@@ -90,17 +90,6 @@ class Known:
 
 QUARTER = filled(Transform(), (10.0, 0.0, 0.0), Rotation.from_euler("z", math.pi / 2))
 """Transform from odom to map: by 10 m along x, and a quarter turn."""
-
-
-def test_a_goal_in_odom_is_transformed_to_map():
-    goal = pose_stamped(2.0, 1.0, 0.5, "odom")
-    goal.header.stamp.sec = 7
-    known = Known("odom", QUARTER)
-    assert pose_in_frame(goal.pose, goal.header, "map", known) == pytest.approx((9.0, 2.0, 0.5 + math.pi / 2))
-    # A goal in map does not need a transform.
-    goal = pose_stamped(2.0, 1.0, 0.5)
-    assert pose_in_frame(goal.pose, goal.header, "map", known) == pytest.approx((2.0, 1.0, 0.5))
-    assert known.lookups == [("map", "odom", 7 * SECOND)]
 
 
 def test_poses_of_a_path_have_the_frame_and_time_of_the_path_unless_they_have_a_frame():
