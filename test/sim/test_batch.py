@@ -70,7 +70,6 @@ def assert_same_poses(actual, expected, tolerance):
 
 
 WORLDS = {
-    "paper's noise": (PAPER, SensorConfig(), CONTROLLER, ORIGIN, START),
     "3 Hz, dropouts, outliers, headings": (
         PlantConfig(
             left_radius_error=0.04, right_radius_error=-0.03, slip_right=0.6, slip_start=1.1, slip_duration=3.2
@@ -80,13 +79,7 @@ WORLDS = {
         ORIGIN,
         START,
     ),
-    "limits everywhere": (
-        PlantConfig(wheel_speed_max=18.0),
-        SensorConfig(),
-        LIMITED,
-        ORIGIN,
-        (3.0, -4.0, 1.0),
-    ),
+    "paper's noise, limits": (PAPER._replace(wheel_speed_max=18.0), SensorConfig(), LIMITED, ORIGIN, (3.0, -4.0, 1.0)),
     "actuators, another goal and sampling time": (
         PlantConfig(
             **{"sampling_time": 0.05, "command_delay": 0.23, "drive_time_constant": 0.2, "acceleration_max": 0.5},
@@ -172,10 +165,8 @@ def test_the_compiled_loop_equals_the_plain_loop(name, feedback):
 def test_measurements_are_fused_as_by_the_filter_of_the_nodes(name):
     plant, sensors, config = LATE[name]
     case = with_filter(case_of(plant, sensors, feedback="ekf", steps=120), config, POINTS)
-    world, localization = (
-        WorldConfig(plant, sensors, StartPose(*START), 9, 1, LANDMARKS),
-        LocalizationConfig(1.0, config),
-    )
+    world = WorldConfig(plant, sensors, StartPose(*START), 9, 1, LANDMARKS)
+    localization = LocalizationConfig(1.0, config)
     plain = simulate(world, CONTROLLER, ORIGIN, 120, "ekf", localization)
     assert_same_histories(run_histories(case, Starts(np.array([START])), 9, 1, 1)[0], plain)
     # The filter of the nodes, with its history of messages.

@@ -153,35 +153,30 @@ def at(step, rate=50):
     return BEGIN + step * 10**9 // rate, math.cos(angle), math.sin(angle), angle + math.pi / 2
 
 
-def drive(steps=500, rate=50, namespace="", error=(0.03, -0.02, 0.01), truth=True, filtered=True):
+def drive(steps=500, rate=50, namespace="", error=(0.03, -0.02, 0.01)):
     """Yield the messages of a drive: two goals, a switch of the region, a rejected fix, the end of the first goal."""
     robot = SimpleNamespace(**{name: f"{namespace}/{name}" for name in ("pose", "odom", "cmd_vel", "ground_truth")})
     half, end = steps // 2, steps - 1
     for step in range(steps):
         time, x, y, yaw = at(step, rate)
         later = time + DELAY
-        if truth:
-            yield robot.ground_truth, later, odometry(time, x, y, yaw)
-        if filtered:
-            ex, ey, eyaw = error
-            yield robot.pose, later, estimate(time, x + ex, y + ey, yaw + eyaw)
-            yield f"{namespace}/controller/navigation", later, law(time, 2.0 - step / steps, float(half <= step < end))
+        yield robot.ground_truth, later, odometry(time, x, y, yaw)
+        yield robot.pose, later, estimate(time, x + error[0], y + error[1], yaw + error[2])
+        yield f"{namespace}/controller/navigation", later, law(time, 2.0 - step / steps, float(half <= step < end))
         yield robot.odom, later, odometry(time, x - 1.0, y, yaw, frame="odom")
         yield robot.cmd_vel, later, command(SPEED, SPEED)
-        if filtered and step in (0, half):
+        if step in (0, half):
             number = 1 if step == 0 else 2
             yield f"{namespace}/goal_pose", later, goal(0 if step == 0 else time, float(number), 0.5, 0.25)
             yield f"{namespace}/ekf/status", later, filter_status(f"{namespace}/ekf", number)
             values = {"goal": f"{number} 0.5 0.25", "goal_id": ("a", "b")[number - 1] * 32}
             yield f"{namespace}/controller/status", later + 1, status(f"{namespace}/controller", "driving", **values)
-    if filtered:
-        last = BEGIN + steps * 10**9 // rate
-        ends = [
-            status("a" * 32, "reached", source="goal_pose"),
-            status("b" * 32, "not reached", 1, reason=HOSTILE, source="goal_pose"),
-        ]
-        yield f"{namespace}/controller/goal_results", BEGIN + half * 10**9 // rate - 1, statuses(0, ends[0])
-        yield f"{namespace}/controller/goal_results", last, statuses(0, *ends)
+    ends = [
+        status("a" * 32, "reached", source="goal_pose"),
+        status("b" * 32, "not reached", 1, reason=HOSTILE, source="goal_pose"),
+    ]
+    yield f"{namespace}/controller/goal_results", BEGIN + half * 10**9 // rate - 1, statuses(0, ends[0])
+    yield f"{namespace}/controller/goal_results", BEGIN + steps * 10**9 // rate, statuses(0, *ends)
 
 
 def filter_status(name, number):

@@ -31,11 +31,6 @@ def test_wrong_usage_is_status_2_with_the_usage(arguments, capsys):
     assert written.err.startswith("usage: diffbot")
 
 
-def test_an_error_of_a_node_is_one_line_and_status_1(kept_signal_handlers, capfd):
-    assert cli.main(["run", "controller", "--with", "plant", "--ros-args", "-p", "sigma_known:=-1.0"]) == 1
-    assert capfd.readouterr().err == "error: /controller: sigma_known = -1.0: must be >= 0.0001 and <= 10\n"
-
-
 def test_replay_gets_bags_and_flags_as_parameters(kept_signal_handlers, monkeypatch):
     passed = []
     node = SimpleNamespace(main=lambda arguments: passed.extend(arguments) or 0)
