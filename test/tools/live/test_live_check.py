@@ -115,13 +115,6 @@ def test_simultaneous_faults_are_all_named():
             {"publishers": [], "elsewhere": ["/robot1/odom"]},
             "nothing publishes /odom: run all nodes in the namespace /robot1, or remap /odom to /robot1/odom",
         ),
-        (
-            {
-                "publishers": [Endpoint("/base", ODOMETRY, is_reliable=False)],
-                "subscriptions": [Endpoint(EKF, ODOMETRY)],
-            },
-            "/base does not publish /odom as reliable, which /ekf requests: change the reliability of one of them",
-        ),
         ({"publishers": [Endpoint("/base", ODOMETRY), Endpoint("/sim", ODOMETRY)]}, "all but one of /base, /sim"),
         ({"publishers": [Endpoint("/base", FIX)], "subscriptions": []}, "publishes /odom as PoseWithCovarianceStamped"),
     ],
