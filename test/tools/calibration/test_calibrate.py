@@ -134,7 +134,7 @@ def test_latency_of_the_commands_is_for_the_controller(calibrated):
 
 
 def test_too_short_a_drive_is_refused_in_one_line(tmp_path):
-    short = write_bag(tmp_path / "bag", record(TRUE, seed=2, seconds=5.0, sensors=Sensors(1)))
+    short = write_bag(tmp_path / "bag", record(TRUE, seed=2, seconds=5.0, sensors=Sensors(1, second=5, gyro=True)))
     with pytest.raises(DiffbotError, match="s of odometry, at least 10 s are needed") as refused:
         run([short], None, tmp_path / "out.yaml", math.inf, {})
     assert "\n" not in str(refused.value)
