@@ -31,7 +31,7 @@ LIMITED = CONTROLLER._replace(data_sheet=DataSheet(1.0, 1.5, 15.0, 0.8, 2.0))
 FASTER = PaperConfig(gains=PaperGains(1.1, 2.5, 0.6, 1.9), eps_P=0.25, eps_P_leave=0.3)
 START = (-2.0, -5.5, math.radians(30.0))
 TOO_LATE = "must be <= 1 s, the length of the filter's history"
-LATE_DETECTOR = DetectorConfig(detection_rate=5.0, detection_delay=1.1)
+LATE_DETECTOR = SensorConfig(fix_rate=0.0, detector=DetectorConfig(detection_rate=5.0, detection_delay=1.1))
 
 
 def case_of(plant=PAPER, sensors=SENSORS, controller=CONTROLLER, goal=ORIGIN, feedback="raw", steps=150):
@@ -257,7 +257,7 @@ def test_starts_are_uniform_in_their_box():
     ("case", "poses", "message"),
     [
         (case_of(sensors=SensorConfig(fix_delay=1.25)), [START], f"fix_delay = 1.25: {TOO_LATE}"),
-        (case_of(sensors=SensorConfig(detector=LATE_DETECTOR)), [START], f"detection_delay = 1.1: {TOO_LATE}"),
+        (case_of(sensors=LATE_DETECTOR), [START], f"detection_delay = 1.1: {TOO_LATE}"),
         (case_of(steps=0), [START], "steps = 0: must be >= 1"),
         (
             with_filter(case_of(), FilterConfig(use_gyro=True)),
