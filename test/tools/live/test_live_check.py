@@ -3,6 +3,7 @@
 import math
 
 import pytest
+from view_bags import header
 
 from diffbot_bag.messages import make
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
@@ -16,11 +17,6 @@ ODOMETRY, IMU = "nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu"
 FIX = "geometry_msgs/msg/PoseWithCovarianceStamped"
 NOW = 1_800_000_000 * 10**9
 EKF = "/ekf"
-
-
-def header(stamp, frame):
-    sec, nanosec = divmod(stamp, 10**9)
-    return {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": frame}
 
 
 def twist(omega):
