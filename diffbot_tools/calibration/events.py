@@ -375,4 +375,6 @@ def with_noise_of_wheels(events: Events, wheel_errors: Array, separation: float)
     J = np.array([with_wheel_errors(one, x, separation) for one in (Twist(1.0, 0.0), Twist(0.0, 1.0))]).T
     covariance = events.odometry.covariance
     joint = J @ covariance[:, [[0, 1], [1, 2]]] @ J.T
-    return events._replace(odometry=events.odometry._replace(covariance=joint[:, (0, 0, 1), (0, 1, 1)]))
+    # In the order of C, as before: numba compiles the filter for each order.
+    ordered = np.ascontiguousarray(joint[:, (0, 0, 1), (0, 1, 1)])
+    return events._replace(odometry=events.odometry._replace(covariance=ordered))

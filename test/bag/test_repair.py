@@ -15,7 +15,7 @@ NOISE = bytes(range(256)) * 4
 
 
 def write(path, **options):
-    """Write two topics and an attachment; return the bytes and the chunks (begin, end, first and last message)."""
+    """Write two topics and an attachment; return the bytes and the chunks."""
     options = {"chunk_size": 20_000, **options}
     kinds = dict.fromkeys(("/a", "/b"), POINT)
     with path.open("wb") as stream, mcap_writing(stream, kinds, {"/a": "", "/b": ""}, **options) as (writer, channels):
@@ -24,22 +24,15 @@ def write(path, **options):
             # Part of it does not compress.
             data = point(index) + NOISE[index % 256 :][:200]
             writer.add_message(channels[f"/{'ab'[index % 2]}"], BEGIN + index * MS, data, BEGIN, index)
-    chunks = [
-        (
-            one.chunk_start_offset,
-            one.chunk_start_offset + one.chunk_length,
-            (one.message_start_time - BEGIN) // MS,
-            (one.message_end_time - BEGIN) // MS,
-        )
-        for one in chunks_of(path)
-    ]
-    return bytearray(path.read_bytes()), chunks
+    return bytearray(path.read_bytes()), chunks_of(path)
 
 
 def damage(content, chunks, kind):
     """Return damaged bytes, and the numbers of the messages that are in damaged chunks."""
-    begin, end, first, last = chunks[len(chunks) // 2]
-    everything_before_the_index = chunks[-1][1]
+    chunk, last_chunk = chunks[len(chunks) // 2], chunks[-1]
+    begin, end = chunk.chunk_start_offset, chunk.chunk_start_offset + chunk.chunk_length
+    first, last = ((time - BEGIN) // MS for time in (chunk.message_start_time, chunk.message_end_time))
+    everything_before_the_index = last_chunk.chunk_start_offset + last_chunk.chunk_length
     lost = set()
     if kind == "killed":
         del content[everything_before_the_index:]

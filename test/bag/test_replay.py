@@ -22,7 +22,6 @@ from std_msgs.msg import String
 from diffbot_bag.bag import BagReader
 from diffbot_bag.player import Player
 from diffbot_bag.qos import Qos
-from diffbot_bag.writer import BagWriter
 from diffbot_core.errors import DiffbotError
 
 pytestmark = pytest.mark.graph
@@ -43,31 +42,19 @@ def clock(seconds):
     return bytes(serialize_message(message))
 
 
-def write_bag(folder, topics, messages):
-    writer = BagWriter(folder, chunk_size=2000)
-    channels = {name: writer.add_topic(name, kind, [qos]) for name, (kind, qos) in topics.items()}
-    for topic, time, data in messages:
-        writer.write(channels[topic], data, time, time)
-    writer.close()
-    return folder
-
-
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory):
     """One second: /a and /noise at 100 Hz, a latched text at 0 s and 0.3 s, a recorded /clock of 1970."""
-    topics = {
-        "/a": (POINT, Qos()),
-        "/noise": (POINT, Qos(reliability="best_effort")),
-        "/text": (STRING, Qos(durability="transient_local")),
-        "/clock": ("rosgraph_msgs/msg/Clock", Qos(reliability="best_effort")),
-    }
+    kinds = {"/a": POINT, "/noise": POINT, "/text": STRING, "/clock": "rosgraph_msgs/msg/Clock"}
+    best_effort = [Qos(reliability="best_effort")]
+    offers = {"/a": [Qos()], "/noise": best_effort, "/text": [bag_makers.LATCHED], "/clock": best_effort}
     times = [BEGIN + index * 10 * MS for index in range(101)]
     messages = [("/a", time, point(index)) for index, time in enumerate(times)]
     messages += [("/noise", time + 1, point(-index)) for index, time in enumerate(times)]
     messages += [("/text", times[index] + 2, string(f"text at {index}")) for index in (0, 30)]
     messages += [("/clock", times[index] + 3, clock(index)) for index in range(0, 101, 10)]
     messages.sort(key=lambda message: message[1])
-    return write_bag(tmp_path_factory.mktemp("bags") / "run", topics, messages)
+    return write_mcap(tmp_path_factory.mktemp("bags") / "run.mcap", messages, kinds, offers, chunk_size=2000)
 
 
 @pytest.fixture(scope="module")
@@ -173,8 +160,8 @@ def test_a_time_jump_is_logged_and_can_be_skipped_while_waiting(nodes, tmp_path,
 
 
 def test_damage_found_while_playing_is_logged_and_the_exit_status_is_one(nodes, bag, tmp_path, capfd):
-    content = bytearray((bag / "run_0.mcap").read_bytes())
-    chunks = bag_makers.chunks_of(bag / "run_0.mcap")
+    content = bytearray(bag.read_bytes())
+    chunks = bag_makers.chunks_of(bag)
     damaged = chunks[len(chunks) // 2]
     content[damaged.chunk_start_offset + damaged.chunk_length // 2] ^= 0x55
     (tmp_path / "damaged.mcap").write_bytes(content)

@@ -13,9 +13,6 @@ from bag_makers import read
 from matplotlib import pyplot
 from robot import stamp
 
-import diffbot
-from diffbot_tools.cli import main
-
 EXAMPLES = Path(__file__).parents[2] / "examples"
 V_MAX, MAX_GAP = 1.3, 500_000_000
 """[m/s] of the paper's robot; [ns] of true poses, below which the report interpolates"""
@@ -87,21 +84,6 @@ def test_the_how_to_shows_the_law_of_the_example():
     page = (EXAMPLES.parent / "docs/how-to/own-law.md").read_text()
     (law,) = re.findall(r'^```python title="straight_line.py"\n(.*?)^```$', page, re.M | re.S)
     assert law in (EXAMPLES / "straight_line.py").read_text().replace("import sys\n", "")
-
-
-def test_a_robot_whose_file_names_the_law_of_the_example_reaches_its_goal(tmp_path, monkeypatch):
-    monkeypatch.syspath_prepend(EXAMPLES)
-    file = tmp_path / "robot.yaml"
-    assert main(["robot", "new", str(file), "--like", "turtlebot4"]) == 0
-    without_tolerances = re.sub(r"    \w+_goal_tolerance.*\n", "", file.read_text())
-    section = "/**/controller:\n  ros__parameters:\n"
-    assert section in without_tolerances
-    file.write_text(without_tolerances.replace(section, f"{section}    law: straight_line:StraightLine\n"))
-    drive = diffbot.drive((1.0, 2.0, 1.0), robot=file)
-    assert drive.is_reached
-    x, y, heading = drive.truth[-1]
-    assert np.hypot(x - 1.0, y - 2.0) < 0.1
-    assert heading == pytest.approx(1.0, abs=0.1)
 
 
 @pytest.mark.study

@@ -31,12 +31,7 @@ LIMITED = CONTROLLER._replace(data_sheet=DataSheet(1.0, 1.5, 15.0, 0.8, 2.0))
 FASTER = PaperConfig(gains=PaperGains(1.1, 2.5, 0.6, 1.9), eps_P=0.25, eps_P_leave=0.3)
 START = (-2.0, -5.5, math.radians(30.0))
 TOO_LATE = "must be <= 1 s, the length of the filter's history"
-TOO_LATE_SENSORS = {
-    "fix_delay = 1.25": SensorConfig(fix_delay=1.25),
-    "detection_delay = 1.1": SensorConfig(
-        fix_rate=0.0, detector=DetectorConfig(detection_rate=5.0, detection_delay=1.1)
-    ),
-}
+LATE_DETECTOR = SensorConfig(fix_rate=0.0, detector=DetectorConfig(detection_rate=5.0, detection_delay=1.1))
 
 
 def case_of(plant=PAPER, sensors=SENSORS, controller=CONTROLLER, goal=ORIGIN, feedback="raw", steps=150):
@@ -70,7 +65,6 @@ def assert_same_poses(actual, expected, tolerance):
 
 
 WORLDS = {
-    "paper's noise": (PAPER, SensorConfig(), CONTROLLER, ORIGIN, START),
     "3 Hz, dropouts, outliers, headings": (
         PlantConfig(
             left_radius_error=0.04, right_radius_error=-0.03, slip_right=0.6, slip_start=1.1, slip_duration=3.2
@@ -80,13 +74,7 @@ WORLDS = {
         ORIGIN,
         START,
     ),
-    "limits everywhere": (
-        PlantConfig(wheel_speed_max=18.0),
-        SensorConfig(),
-        LIMITED,
-        ORIGIN,
-        (3.0, -4.0, 1.0),
-    ),
+    "paper's noise, limits": (PAPER._replace(wheel_speed_max=18.0), SensorConfig(), LIMITED, ORIGIN, (3.0, -4.0, 1.0)),
     "actuators, another goal and sampling time": (
         PlantConfig(
             **{"sampling_time": 0.05, "command_delay": 0.23, "drive_time_constant": 0.2, "acceleration_max": 0.5},
@@ -172,10 +160,8 @@ def test_the_compiled_loop_equals_the_plain_loop(name, feedback):
 def test_measurements_are_fused_as_by_the_filter_of_the_nodes(name):
     plant, sensors, config = LATE[name]
     case = with_filter(case_of(plant, sensors, feedback="ekf", steps=120), config, POINTS)
-    world, localization = (
-        WorldConfig(plant, sensors, StartPose(*START), 9, 1, LANDMARKS),
-        LocalizationConfig(1.0, config),
-    )
+    world = WorldConfig(plant, sensors, StartPose(*START), 9, 1, LANDMARKS)
+    localization = LocalizationConfig(1.0, config)
     plain = simulate(world, CONTROLLER, ORIGIN, 120, "ekf", localization)
     assert_same_histories(run_histories(case, Starts(np.array([START])), 9, 1, 1)[0], plain)
     # The filter of the nodes, with its history of messages.
@@ -270,7 +256,8 @@ def test_starts_are_uniform_in_their_box():
 @pytest.mark.parametrize(
     ("case", "poses", "message"),
     [
-        *((case_of(sensors=sensors), [START], f"{delay}: {TOO_LATE}") for delay, sensors in TOO_LATE_SENSORS.items()),
+        (case_of(sensors=SensorConfig(fix_delay=1.25)), [START], f"fix_delay = 1.25: {TOO_LATE}"),
+        (case_of(sensors=LATE_DETECTOR), [START], f"detection_delay = 1.1: {TOO_LATE}"),
         (case_of(steps=0), [START], "steps = 0: must be >= 1"),
         (
             with_filter(case_of(), FilterConfig(use_gyro=True)),

@@ -22,15 +22,10 @@ class FakePlant:
     """Records the calls of the protocol. Fixes arrive from step ``first_fix`` on."""
 
     def __init__(self, first_fix=0):
-        self.step = 0
-        self.first_fix = first_fix
-        self.connected = (1, 1, 0, 0, 1)
-        self.sent = []
-        """step of each sending"""
-        self.truths = []
-        self.moves = []
-        """command of each step"""
-        self.reports = []
+        self.step, self.first_fix, self.connected = 0, first_fix, (1, 1, 0, 0, 1)
+        self.sent, self.truths, self.moves, self.reports = [], [], [], []
+        """steps that were sent with and without odometry, the command of each step, and events"""
+        self.report = self.reports.append
 
     @property
     def stamp(self):
@@ -51,9 +46,6 @@ class FakePlant:
 
     def connections(self):
         return self.connected
-
-    def report(self, event):
-        self.reports.append(event)
 
 
 def poll(lockstep, times=1):

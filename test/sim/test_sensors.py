@@ -50,22 +50,6 @@ def noises(*purposes, count=2000, run=0):
     return NoiseSource().run(12, run, count, purposes).swapaxes(0, 1)
 
 
-def test_errors_are_uniform_within_their_bounds_and_independent_of_each_other():
-    config = SensorConfig(eps_xy_max=0.3, eps_theta_max=0.17, gyro_bias=-0.1)
-    errors = []
-    for noise in noises(FIX, FURTHER):
-        fix = sensors.measured_fix(TRUTH, NO_ERRORS, noise, config).pose
-        turns = fix.theta - 3.1, sensors.measured_heading(TRUTH, noise, config) - 3.1
-        rate = sensors.measured_turn_rate(0.7, noise, config) - 0.7 + 0.1
-        errors.append((fix.x - 4.0, fix.y + 3.0, *(math.remainder(one, math.tau) for one in turns), rate))
-        assert -math.pi < fix.theta <= math.pi
-    bounds = np.array((0.3, 0.3, 0.17, 0.087, 0.01))
-    assert (np.abs(errors) <= bounds * (1.0 + 1e-9)).all()
-    np.testing.assert_allclose(np.mean(errors, axis=0) / bounds, 0.0, atol=4.0 / math.sqrt(3.0 * len(errors)))
-    np.testing.assert_allclose(np.var(errors, axis=0), bounds**2 / 3.0, rtol=0.09)
-    assert np.abs(np.corrcoef(np.transpose(errors)) - np.eye(5)).max() < 0.1
-
-
 @pytest.mark.parametrize(("x", "y", "share"), [(0.0, 0.0, 0.0), (0.3, -0.4, 0.25), (9.0, 9.0, 1.0)])
 def test_position_errors_decrease_towards_the_origin_within_eps_xy_distance(x, y, share):
     config = SensorConfig(eps_xy_max=0.3, eps_theta_max=0.17, eps_xy_distance=2.0)

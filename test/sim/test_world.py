@@ -110,23 +110,30 @@ def test_landmarks_within_range_are_measured_at_their_rate_and_position():
     assert numbers == {7, -2, 4}
 
 
-def test_errors_have_the_covariances_of_the_messages_and_are_independent():
-    sensors = SensorConfig(eps_xy_max=0.6, eps_theta_max=0.17, heading_rate=10.0, landmark_rate=10.0)
-    # Even two landmarks at the same position have independent errors.
-    landmarks = LandmarkMap((1, 2), (6.0, 6.0), (0.0, 0.0))
-    config = QUIET._replace(sensors=sensors, landmarks=landmarks, seed=5)
+def test_errors_are_uniform_and_independent_and_have_the_variances_of_the_messages():
+    sensors = SensorConfig(eps_xy_max=0.6, eps_theta_max=0.17, heading_rate=10.0, landmark_rate=10.0, gyro_rate=10.0)
+    # Even two landmarks at the same position have independent errors. Some headings are beyond pi.
+    landmarks, yaw = LandmarkMap((1, 2), (6.0, 6.0), (0.0, 0.0)), 3.1
+    config = QUIET._replace(sensors=sensors, start=StartPose(0.0, 0.0, yaw), landmarks=landmarks, seed=5)
     world, errors = World(config), []
-    for _ in range(1500):
-        arrivals = world.sense()
-        ranges = [number for one in arrivals.landmarks for number in (one.range - 6.0, one.bearing)]
-        errors.append([*arrivals.fixes[0].pose, arrivals.headings[0].theta, *ranges])
+    for _ in range(2000):
         world.advance(Twist(0.0, 0.0))
-    readings = *arrivals.fixes, *arrivals.headings, *arrivals.landmarks
-    variances = np.concatenate([one.R.diagonal() for one in readings])
-    bounds = np.array((0.6, 0.6, 0.17, 0.087, 0.1, 0.05, 0.1, 0.05))
+        arrivals, gyro = world.sense(), world.turn_rate()
+        fix, turns = arrivals.fixes[0].pose, [one.bearing + yaw for one in arrivals.landmarks]
+        turns += [fix.theta - yaw, arrivals.headings[0].theta - yaw]
+        assert -math.pi < fix.theta <= math.pi
+        ranges = [one.range - 6.0 for one in arrivals.landmarks]
+        angles = [math.remainder(one, math.tau) for one in turns]
+        errors.append([fix.x, fix.y, *ranges, *angles, gyro.rate - sensors.gyro_bias])
+    of_landmarks = [one.R.diagonal() for one in arrivals.landmarks]
+    of_fix, of_heading = arrivals.fixes[0].R.diagonal(), arrivals.headings[0].R.diagonal()
+    variances = *of_fix[:2], *np.transpose(of_landmarks).ravel(), of_fix[2], *of_heading, gyro.variance
+    bounds = np.array((0.6, 0.6, 0.1, 0.1, 0.05, 0.05, 0.17, 0.087, 0.01))
     np.testing.assert_allclose(variances, bounds**2 / 3.0)
-    np.testing.assert_allclose(np.var(errors, axis=0), variances, rtol=0.1)
-    assert np.abs(np.corrcoef(np.transpose(errors)) - np.eye(8)).max() < 0.1
+    assert (np.abs(errors) <= bounds * (1.0 + 1e-9)).all()
+    np.testing.assert_allclose(np.mean(errors, axis=0) / bounds, 0.0, atol=4.0 / math.sqrt(3.0 * len(errors)))
+    np.testing.assert_allclose(np.var(errors, axis=0), variances, rtol=0.09)
+    assert np.abs(np.corrcoef(np.transpose(errors)) - np.eye(len(bounds))).max() < 0.1
     plain, scaled = World(config).sense(), World(config._replace(sensors=sensors._replace(fix_covariance_scale=10.0)))
     fix = scaled.sense().fixes[0]
     np.testing.assert_allclose(fix.R, 10.0 * plain.fixes[0].R)

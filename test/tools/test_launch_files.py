@@ -11,7 +11,7 @@ import yaml
 from ament_index_python.packages import PackageNotFoundError
 
 from diffbot_core.errors import DiffbotError, InvalidValueError
-from diffbot_tools.bringup import ROBOT, SIMULATION
+from diffbot_tools.bringup import REQUIRED, ROBOT, SIMULATION
 
 ROOT = Path(__file__).resolve().parents[2]
 MODULE = "diffbot_tools.launch_files"
@@ -89,12 +89,7 @@ def test_every_argument_is_declared_and_checked_before_anything_starts(load, nam
         actions(entities, rviz="true")
 
 
-LIMITS = {
-    "linear.x.max_velocity": 0.2,
-    "angular.z.max_velocity": 1.0,
-    "linear.x.max_acceleration": 0.5,
-    "angular.z.max_acceleration": 2.0,
-}
+LIMITS = dict.fromkeys(REQUIRED, 0.5)
 
 
 def parameter_file(path, limits, node="/**/controller"):

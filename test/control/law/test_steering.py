@@ -137,6 +137,7 @@ def test_the_gains_follow_the_data_sheet_and_the_period():
 def test_the_lyapunov_functions_decrease_as_stated(rho, alpha, beta):
     """Compare the stated dV with differences of V along a short drive."""
     assume(rho > 0.05)
+    assume(abs(rho - 0.3) > 1e-4)  # V has a kink where h begins to fall
     gains, h = gains_of(DataSheet(), 0.1), 1e-6
     pose = Pose(-rho * math.cos(beta), -rho * math.sin(beta), beta - alpha)
     navigation, theta = navigation_variables(pose), math.remainder(beta - alpha, math.tau)

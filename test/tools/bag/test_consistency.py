@@ -3,18 +3,15 @@
 import numpy as np
 import pytest
 import scipy.stats
-import view_bags
 
+from diffbot_bag.messages import make
 from diffbot_tools.bag.consistency import share_of_windows
 
 WINDOW = 50
 
 
 def nis_message(labels, *data):
-    make = view_bags.make
-    dims = [make("std_msgs/msg/MultiArrayDimension", label=label, size=1, stride=1) for label in labels]
-    layout = make("std_msgs/msg/MultiArrayLayout", dim=dims, data_offset=0)
-    return make("std_msgs/msg/Float64MultiArray", layout=layout, data=np.array(data))
+    return make("std_msgs/msg/Float64MultiArray", layout={"dim": [{"label": label} for label in labels]}, data=data)
 
 
 @pytest.mark.parametrize(("scale", "low", "high"), [(1.0, 0.9, 1.0), (1.3, 0.1, 0.8)])

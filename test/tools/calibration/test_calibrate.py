@@ -9,16 +9,16 @@ import math
 
 import numpy as np
 import pytest
+import view_bags
 import yaml
 from calibration_drives import SECOND, Errors, Sensors, record
 from scipy import stats
 
-from diffbot_bag.messages import encode, make
 from diffbot_bag.writer import new_bag
 from diffbot_control.filter.config import sources_of
 from diffbot_control.filter.measurement import FIXES, heading, landmark, pose_fix
 from diffbot_control.filter.odometry import OdometryStep
-from diffbot_control.ros.messages.fields import fill_pose, fill_twist, fill_twist_covariance, set_stamp
+from diffbot_control.ros.messages.fields import fill_twist_covariance
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.errors import DiffbotError
 from diffbot_core.geometry import Point, Pose, wrap_angle
@@ -39,8 +39,6 @@ from diffbot_tools.parameter_file import read_config
 from diffbot_tools.refilter import RecordingLocalization
 
 TRUE = Errors(0.03, -0.03, 0.05, 0.2, 1.5, gyro_bias=0.1)
-ODOMETRY, POSE = "nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseWithCovarianceStamped"
-TWIST, IMU = "geometry_msgs/msg/Twist", "sensor_msgs/msg/Imu"
 LIMITS = ", ".join(f"{name}: 0.6" for name in REQUIRED)
 PARAMETERS = f"""\
 /**: {{ros__parameters: {{{LIMITS}}}}} # the data sheet
@@ -48,46 +46,31 @@ PARAMETERS = f"""\
 """
 
 
-def write_bag(path, recording, commands=True):
-    """Write odometry, fixes, turn rates and commands in the order of their stamps; commands act 0.1 s later."""
-    odometry = make(ODOMETRY, header={"frame_id": "odom"}, child_frame_id="base_link")
-    pose, imu = make(POSE, header={"frame_id": "map"}), make(IMU)
+def write_bag(path, recording):
+    """Write fixes, odometry, turn rates and commands in the order of their stamps; commands act 0.1 s later."""
     rows = []
-    for step in recording.odometry:
-        set_stamp(odometry.header.stamp, step.stamp)
-        fill_pose(odometry.pose.pose, Pose(0.0, 0.0, 0.0))
-        fill_twist(odometry.twist.twist, step.twist)
-        fill_twist_covariance(odometry.twist.covariance, step.covariance)
-        rows.append((step.stamp, 1, encode(ODOMETRY, odometry)))
     for fix in recording.fixes:
-        set_stamp(pose.header.stamp, fix.stamp)
-        fill_pose(pose.pose.pose, Pose(*fix.z))
+        kind, pose = view_bags.estimate(fix.stamp, *fix.z)
         pose.pose.covariance[[0, 7, 35]] = np.diag(fix.R)
-        rows.append((fix.stamp, 0 if fix.source == FIXES else 3, encode(POSE, pose)))
+        rows.append(("/global_pose" if fix.source == FIXES else f"/{SECOND}", fix.stamp, (kind, pose)))
+    for step in recording.odometry:
+        kind, odometry = view_bags.odometry(step.stamp, 0.0, 0.0, 0.0, *step.twist, frame="odom")
+        fill_twist_covariance(odometry.twist.covariance, step.covariance)
+        rows.append(("/odom", step.stamp, (kind, odometry)))
     for sample in recording.gyro:
-        set_stamp(imu.header.stamp, sample.stamp)
-        imu.angular_velocity.z, imu.angular_velocity_covariance[8] = sample.rate, sample.variance
-        rows.append((sample.stamp, 4, encode(IMU, imu)))
-    for stamp, twist in recording.commands if commands else ():
-        message = make(TWIST, linear={"x": twist.v}, angular={"z": twist.omega})
-        rows.append((stamp - 100_000_000, 2, encode(TWIST, message)))
-    with new_bag(path) as writer:
-        topics = [
-            writer.add_topic("/global_pose", POSE),
-            writer.add_topic("/odom", ODOMETRY),
-            writer.add_topic("/cmd_vel", TWIST),
-            writer.add_topic(f"/{SECOND}", POSE),
-            writer.add_topic("/imu", IMU),
-        ]
-        (writer.folder / "ekf.yaml").write_text(PARAMETERS)
-        for stamp, topic, data in sorted(rows):
-            writer.write(topics[topic], data, stamp, stamp)
+        rate, header = {"z": sample.rate}, view_bags.header(sample.stamp, "base_link")
+        imu = view_bags.message("sensor_msgs/msg/Imu", header=header, angular_velocity=rate)
+        imu[1].angular_velocity_covariance[8] = sample.variance
+        rows.append(("/imu", sample.stamp, imu))
+    rows += [("/cmd_vel", stamp - 100_000_000, view_bags.command(*twist)) for stamp, twist in recording.commands]
+    view_bags.write(path, sorted(rows, key=lambda row: row[1]))
+    (path / "ekf.yaml").write_text(PARAMETERS)
     return path
 
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory):
-    return write_bag(tmp_path_factory.mktemp("data") / "bag", record(TRUE, 1, 120.0, Sensors(second=5, gyro=True)))
+    return write_bag(tmp_path_factory.mktemp("data") / "bag", record(TRUE, 1, 60.0, Sensors(second=5, gyro=True)))
 
 
 @pytest.fixture(scope="module")
@@ -96,12 +79,12 @@ def calibrated(bag):
     with contextlib.redirect_stderr(log):
         assert run([bag], None, out, math.inf, {}) == 0
     phases = [line.split()[1] for line in log.getvalue().splitlines() if line.startswith("calibrate:")]
-    assert phases == ["839", "trying", "trying", "refining", "evaluating"]
+    assert phases == ["419", "trying", "trying", "refining", "evaluating"]
     return out
 
 
 def test_errors_of_the_robot_are_found(calibrated):
-    """The tolerances are about four standard deviations of a drive of 120 s."""
+    """The tolerances are about three standard deviations."""
     found = yaml.safe_load(calibrated.read_text())["/**/ekf"]["ros__parameters"]
     assert found["odometry_delay"] == pytest.approx(0.2, abs=0.06)
     assert found["left_radius_error"] == pytest.approx(0.03, abs=0.02)
@@ -136,7 +119,7 @@ def test_a_bag_without_a_measured_pose_is_refused_by_topic_and_type(tmp_path):
     """The bag contains odometry alone."""
     path = tmp_path / "bag"
     with new_bag(path) as writer:
-        writer.add_topic("/odom", ODOMETRY)
+        writer.add_topic("/odom", "nav_msgs/msg/Odometry")
         (writer.folder / "ekf.yaml").write_text("/**/ekf: {ros__parameters: {odometry_noise: motion}}")
     with pytest.raises(
         DiffbotError, match=r"no pose meas.*: .*global_pose \(geometry_msgs/msg/PoseWithCov.*landmark_ids"
@@ -151,7 +134,7 @@ def test_latency_of_the_commands_is_for_the_controller(calibrated):
 
 
 def test_too_short_a_drive_is_refused_in_one_line(tmp_path):
-    short = write_bag(tmp_path / "bag", record(TRUE, seed=2, seconds=5.0, sensors=Sensors(1)), commands=False)
+    short = write_bag(tmp_path / "bag", record(TRUE, seed=2, seconds=5.0, sensors=Sensors(1, second=5, gyro=True)))
     with pytest.raises(DiffbotError, match="s of odometry, at least 10 s are needed") as refused:
         run([short], None, tmp_path / "out.yaml", math.inf, {})
     assert "\n" not in str(refused.value)

@@ -60,7 +60,6 @@ FILES = {
 # the end
 """,
     "one line": "/**/ekf: {ros__parameters: {gate_probability: 1.0, pose_sources: [uwb, gps], use_gyro: true}}\n",
-    "empty": "/**/ekf:\n  ros__parameters: {}\n",
 }
 
 
@@ -120,18 +119,14 @@ def test_a_limit_of_acceleration_is_never_raised(tmp_path):
 def test_all_other_values_and_comments_stay(tmp_path, name):
     path, text = tmp_path / "calibrated.yaml", FILES[name]
     path.write_text(text)
-    before = {node: values(path, node) for node in ("ekf", "controller", "plant")}
-    after = written(path, text)
-    found = FOUND.parameters | {"command_latency": 0.229, "drive_time_constant": 0.1}
-    found |= {"linear.x.max_acceleration": 0.5, "angular.z.max_acceleration": 9.0}
-    for node, given in before.items():
-        new = values(path, node)
-        assert {key: value for key, value in new.items() if key not in found} == {
-            key: value for key, value in given.items() if key not in found
-        }
-        assert all(new[key] == found[key] for key in new if key in found)
-    assert values(path, "ekf").items() >= FOUND.parameters.items()
-    assert values(path, "controller")["command_latency"] == 0.229
+    before = {node: values(path, node) for node in ("ekf", "controller")}
+    parameters = FOUND.parameters | {"pose_source_sigma_xy": [0.1, 0.2]}
+    after = written(path, text, FOUND._replace(parameters=parameters))
+    base = {"command_latency": 0.229, "drive_time_constant": 0.1}
+    base |= {"linear.x.max_acceleration": 0.5, "angular.z.max_acceleration": 9.0}
+    assert values(path, "controller") == before["controller"] | base
+    found = before["ekf"] | parameters
+    assert values(path, "ekf") == found | {name: base[name] for name in base if name in values(path, "ekf")}
     for comment in [line.partition("#")[2].strip() for line in text.splitlines() if "#" in line]:
         assert f"# {comment}" in after
     read_config(path)

@@ -33,12 +33,9 @@ def requests():
 
 
 @pytest.fixture
-def errors():
-    return []
+def server(state, requests):
+    errors = []
 
-
-@pytest.fixture
-def server(state, requests, errors):
     def on_request(request, reply):
         requests.append(request)
         reply("done", 0)
