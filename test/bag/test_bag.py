@@ -2,6 +2,7 @@
 
 import io
 import os
+import time
 from collections import Counter
 from pathlib import Path
 from random import Random
@@ -335,11 +336,15 @@ def trickle(folder, **limits):
     writer.custom_data = {"lost_messages": "7"}
     channel = writer.add_topic("/data", STRING, [Qos()])
     for number in range(2000):
-        time = BEGIN + number * 10 * STEP
-        writer.write(channel, string(random.randbytes(1000).hex()), time, time, number)
+        stamp = BEGIN + number * 10 * STEP
+        writer.write(channel, string(random.randbytes(1000).hex()), stamp, stamp, number)
         if number % 2:
             writer.flush()
-    # metadata.yaml names existing files at any time, so that a killed recorder leaves a readable bag.
+    deadline = time.monotonic() + 60.0
+    while writer.unflushed:
+        assert time.monotonic() < deadline
+        time.sleep(0.001)
+    # metadata.yaml names existing files before the end, too, so that a killed recorder leaves a readable bag.
     named = metadata.read(folder)
     assert all((folder / one.name).is_file() for one in named.files)
     assert [one.name for one in named.topics] == ["/data"]
