@@ -97,7 +97,7 @@ def _kernel(law: type[Law], feedback: int, example: tuple[Any, ...]) -> Any:
             try:
                 with one_compiler(law_version(law)):
                     kernel(*example)  # compiles the kernel, which then simulates zero runs
-            except Exception as error:  # numba's errors have no common base class
+            except Exception as error:  # numba's errors do not share a base class
                 kernel, reason = kernel.py_func, _first_line(error)
                 _log.warning("law %s runs as plain Python, since numba cannot compile it: %s", law.name, reason)
         _kernels[law, feedback] = kernel

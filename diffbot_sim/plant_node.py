@@ -87,7 +87,7 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
         self._command = STOP
 
     def _warn_of_idle_rates(self) -> None:
-        """Warn if landmark_rate is set but the map has no landmarks."""
+        """Warn if landmark_rate is set for a map without landmarks."""
         world = self.config.world
         if world.sensors.landmark_rate > 0.0 and not world.landmarks.landmark_ids:
             rate = world.sensors.landmark_rate

@@ -148,7 +148,7 @@ def with_wheel_errors(twist: Twist, x: Array, separation: float) -> Twist:
 
 
 def gyro_share(covariance: TwistCovariance, rate: TurnRate) -> GyroShare:
-    """Return the gain with which the turn rate of a gyro corrects a twist; 0 if there is no gyro."""
+    """Return the gain of the correction of a twist by the turn rate of a gyro; 0 without a gyro."""
     total = covariance.var_omega + rate.variance
     return GyroShare(covariance.cov_v_omega / total, covariance.var_omega / total)
 

@@ -28,7 +28,7 @@ def is_qos_override(name: str) -> bool:
 
 def overrides_of(node: Node) -> dict[str, Any]:
     """Return the parameter values that the user has given to ``node``, including parameters that are not declared."""
-    # rclpy has no public method for this.
+    # rclpy does not have a public method for this.
     given = getattr(node, "_parameter_overrides", {})
     return {name: parameter.value for name, parameter in given.items()}
 
