@@ -19,7 +19,7 @@ from diffbot_core.geometry import Pose, into_frame, out_of_frame
 from diffbot_core.ros.qos import QUEUE
 
 DOCK = Pose(3.0, 1.0, 0.5)
-SPEED = 3.0
+SPEED = 2.0
 """of simulated time over real time"""
 NONE, FROZEN, SWAPPED = FAULTS = "none", "frozen", "swapped"
 NEAR = 0.6
