@@ -19,6 +19,8 @@ from diffbot_core.ros.node import DiffbotNode, one_line
 from diffbot_core.schema import C
 
 UNCONFIGURED, INACTIVE = "unconfigured", "inactive"
+_TASK_ROUNDS = 10
+"""Calls of the executor at the end; the result of an action needs a few."""
 _SUCCESS, _FAILURE, _ERROR = (
     TransitionCallbackReturn.SUCCESS,
     TransitionCallbackReturn.FAILURE,
@@ -122,9 +124,20 @@ class ManagedNode(LifecycleNodeMixin, DiffbotNode[C]):  # type: ignore[misc]
         if self.is_active:
             self.is_active = False
             self.deactivate()
+            if self.moves_the_robot:
+                self._run_tasks()
         if self.is_configured:
             self.is_configured = False
             self.cleanup()
+
+    def _run_tasks(self) -> None:
+        """Run the tasks that the deactivation has created, such as the result of a cancelled action goal.
+
+        A node that moves the robot is the first to end, so the other nodes of the process still handle messages.
+        """
+        for _ in range(_TASK_ROUNDS):
+            if self.executor is not None:
+                self.executor.spin_once(timeout_sec=0.0)
 
     def destroy_node(self) -> None:
         """Destroy the node and its state machine; rclpy would keep the publisher of ~/transition_event."""

@@ -100,18 +100,20 @@ def run(make_nodes: Factory, args: list[str] | None = None, *, shared_memory: bo
         print(f"error: {error}", file=sys.stderr)
         return 1
     nodes: list[DiffbotNode[Any]] = []
+    executor: Executor | None = None
     failed = True
     try:
         _create(make_nodes, nodes, files)
         files.check_all_used()
         _check_parameters_used(nodes, words, files)
-        _spin(nodes, stop)
+        executor = _spin(nodes, stop)
         failed = False
     except DiffbotError as error:
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
     finally:
         DiffbotNode.files = None
         _shut_down(nodes, stop, failed)
+        del executor  # not earlier: ManagedNode.before_shutdown() needs it, and nodes keep a weak reference only
     return _status(nodes, failed)
 
 
@@ -188,8 +190,8 @@ def _destroy(nodes: list[DiffbotNode[Any]], failed: bool) -> None:
         stack.callback(await_readers, nodes)
 
 
-def _spin(nodes: list[DiffbotNode[Any]], stop: StopFlag) -> None:
-    """Spin until the signal flag is set or a node ends."""
+def _spin(nodes: list[DiffbotNode[Any]], stop: StopFlag) -> Executor:
+    """Spin until the signal flag is set or a node ends; return the executor."""
     executor = _executor_of(nodes)
     for node in nodes:
         node.get_logger().info("ready")
@@ -204,6 +206,7 @@ def _spin(nodes: list[DiffbotNode[Any]], stop: StopFlag) -> None:
             executor.shutdown()
             # After an exception, an EventsExecutor calls no more callbacks.
             executor = _executor_of(nodes)
+    return executor
 
 
 def _executor_of(nodes: list[DiffbotNode[Any]]) -> Executor:
