@@ -117,6 +117,9 @@ def test_a_docking_is_cancelled_or_replaced_by_another(scene, action_peer):
     assert (status, result.success, result.error_code) == (GoalStatus.STATUS_ABORTED, False, 999)
     assert result.error_msg == "replaced: by a newer goal (action)"
     undock.cancel(newer)
+    # The new goal also cancels goals in map. Wait until it has ended, so that the next test's goal comes later.
+    assert undock.result(newer)[0] == GoalStatus.STATUS_CANCELED
+    scene.peer.spin_for(1.0)
 
 
 def test_only_the_actions_of_docking_are_served_and_goals_that_cannot_be_served_are_rejected(scene, action_peer):
