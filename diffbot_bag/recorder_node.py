@@ -193,14 +193,14 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
             else:
                 note(number)
             received = info["received_timestamp"] or now()
-            topic.received += 1
             try:
                 if self._paused or self._simulated:
-                    self._write_or_hold(topic, HeldMessage(channel, data, received, info["source_timestamp"], number))
+                    message = HeldMessage(channel, data, received, info["source_timestamp"], number)
+                    topic.received += self._write_or_hold(topic, message)
                 else:
                     write(channel, data, received, info["source_timestamp"], number)
+                    topic.received += 1
             except BagWriteError as error:
-                topic.received -= 1
                 self._unwritten += 1
                 self._fail(error)
             if (delay := now() - received) > self._max_delay:
@@ -208,28 +208,28 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
 
         return receive
 
-    def _write_or_hold(self, topic: RecordedTopic, message: HeldMessage) -> None:
-        """Write a message with simulated time, hold it until the first /clock, or drop it during a pause.
+    def _write_or_hold(self, topic: RecordedTopic, message: HeldMessage) -> bool:
+        """Write a message with simulated time, or hold it until the first /clock; return False if it is dropped.
 
         Latched messages are also recorded during a pause, since they are needed to interpret later messages.
         """
         if self._paused and not self._writer.is_latched(topic.channel):
-            topic.received -= 1
             self.health.counted[f"{topic.name} not recorded during a pause"] += 1
-            return
+            return False
         if not self._simulated:
             self._writer.write(*message)
         elif sim_time := self.get_clock().now().nanoseconds:
             self._release(sim_time)
             self._writer.write(*message._replace(log_time=sim_time))
         elif self._held_bytes + len(message.data) > self.config.max_cache_size:
-            topic.received -= 1
             topic.dropped += 1
             self.health.drop(topic.name, "no /clock yet")
+            return False
         else:
             # With a log time of 0, the bag would seem to be decades long.
             self._held.append(message)
             self._held_bytes += len(message.data)
+        return True
 
     def _release(self, sim_time: int) -> None:
         """Write the held messages with a simulated time [ns] as log time; 0: with their times of reception."""

@@ -47,7 +47,7 @@ _RECENT = 2.0
 
 
 class PosePublisherWatch:
-    """Finds out why the controller has no usable pose, from the ROS graph and ~/status of the publishing node."""
+    """Finds out why poses are missing or unusable, from the ROS graph and ~/status of the publishing node."""
 
     def __init__(self, node: ControllerNode, topic: str) -> None:
         """Store the controller, and the topic of the pose before remapping."""
@@ -57,7 +57,7 @@ class PosePublisherWatch:
         self._subscription: Any = None
 
     def problem(self) -> str:
-        """Return why there is no usable pose. Call this twice a second while the controller waits for a pose."""
+        """Return why poses are missing or unusable. Call this twice a second while the controller waits for a pose."""
         if text := self._node.input_problem(self._topic):
             return text
         topic, before = self._node.resolve_topic_name(self._topic), self._name

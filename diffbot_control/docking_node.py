@@ -112,7 +112,8 @@ class DockControllerNode(RobotControllerNode):
         if self.supervisor.accepted != self._accepted:
             self._accepted, self._goal_time = self.supervisor.accepted, time.monotonic()
             self._before = self._in_map
-            if self._cancel_in_map.service_is_ready():
+            # If the new goal has already ended, a goal in map may be newer.
+            if self.supervisor.goals.present is not None and self._cancel_in_map.service_is_ready():
                 self._cancel_in_map.call_async(Trigger.Request())
             self._restart_filter_if_lost()
         elif (

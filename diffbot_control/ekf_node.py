@@ -24,15 +24,7 @@ from diffbot_control.filter.models import move
 from diffbot_control.filter.odometry import OdometryStep
 from diffbot_control.filter.state_file import BrokenStateError, StateKeeper
 from diffbot_control.ros.ekf_publishers import EkfPublishers
-from diffbot_control.ros.input_watch import (
-    CONTRADICT,
-    CONTRADICTED,
-    RUNNING,
-    SILENT,
-    WAITING,
-    WINDOW,
-    InputWatch,
-)
+from diffbot_control.ros.input_watch import CONTRADICT, CONTRADICTED, RUNNING, SILENT, WAITING, WINDOW, InputWatch
 from diffbot_control.ros.messages.ekf import EkfInputs, localization_values
 from diffbot_control.ros.messages.fields import measured_ns, pose_in_message, pose_of
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig

@@ -19,7 +19,7 @@ _SAME, _CONTRADICTION = 1e-3, 0.3
 
 
 def directions(poses: Sequence[Pose]) -> Array:
-    """Return the direction [rad] of a path at each of its n poses, shape (n,); nan where the path has no length.
+    """Return the direction [rad] of a path at each of its n poses, shape (n,); nan where the poses coincide.
 
     At a corner the direction bisects the angle. Where the path turns back, the direction is that of the next part.
     """

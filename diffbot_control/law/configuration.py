@@ -98,7 +98,7 @@ class PaperConfig(NamedTuple):
     eps_P_leave: Annotated[float, Spec("Omega_L is left above this distance", "m", *DISTANCE)] = 0.6
 
     def check(self) -> None:
-        """Refuse a leaving radius below the entering radius, with which the region would alternate.
+        """Refuse a leaving radius below the entering radius, because the region would alternate.
 
         Raises:
             InvalidValueError: naming both radii.

@@ -79,7 +79,7 @@ class CheckedParameters(Generic[C]):
         """Declare a parameter with the given value or the default, and return the value."""
         value = self._overrides.get(parameter.name, default)
         if value is None and get_origin(parameter.type) is tuple:
-            # rcl has no type for an empty list, so the override has no value.
+            # rcl does not have a type for an empty list, so the override is without a value.
             value = ()
         value = checked(parameter, value)
         stored = list(value) if isinstance(value, tuple) else value
@@ -141,14 +141,14 @@ class CheckedParameters(Generic[C]):
 def descriptor_of(parameter: Parameter) -> ParameterDescriptor:
     """Return the ROS descriptor of a parameter.
 
-    A parameter that allows ``inf`` has no range in its descriptor, because rclpy would refuse ``inf`` then.
+    The descriptor of a parameter that allows ``inf`` is without a range, because rclpy would refuse ``inf`` then.
     """
     spec = parameter.spec
     descriptor = ParameterDescriptor(
         description=f"{spec.text} [{spec.unit}]",
         additional_constraints=spec.bound() if parameter.type in (float, int) or spec.choices else "",
         read_only=spec.read_only,
-        # An empty list has no element type for ROS; schema.checked() checks the types.
+        # ROS does not know the element type of an empty list; schema.checked() checks the types.
         dynamic_typing=True,
     )
     closed = math.isfinite(spec.minimum) and math.isfinite(spec.maximum)

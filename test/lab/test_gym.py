@@ -89,6 +89,7 @@ def test_rewards_are_progress_minus_time_and_a_penalty_for_leaving_the_arena():
     assert reward == pytest.approx(-0.13 - 0.01 - 10.0)
 
 
+@pytest.mark.study
 def test_wrong_values_are_refused():
     for given, text in (
         ({"feedback": "gps"}, "feedback = 'gps': must be one of"),

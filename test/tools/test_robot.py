@@ -86,6 +86,7 @@ def test_missing_and_contradictory_values_are_found(changes, kind, text, tmp_pat
     assert found == (kind, True)
 
 
+@pytest.mark.study
 def test_the_check_of_a_robot_that_reaches_no_goal_proposes_a_sufficient_tolerance(
     tmp_path, kept_signal_handlers, capsys
 ):
