@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from typing import Annotated, Any, NamedTuple
 
 from diffbot_control.goals import states, timing
@@ -353,6 +354,8 @@ class Supervisor:
         self.waypoint, self.waypoints, self.updates = waypoint, waypoints, 0
         self._waits, self.is_stale, self.reason, self.has_failed = True, False, "", False
         self._since_step = 0.0
+        with suppress(LawError), errors_of(self.law):  # the next step reports the error
+            self.data_sheet = self.law.data_sheet(self.config.controller)
         distance, is_known = timing.distance_along(self.pose or goals[0], goals), self.pose is not None
         self._guard.accept(self.config.goal_timeout, distance, len(goals), self.data_sheet, is_known, is_replanned)
         self._begin_goal()

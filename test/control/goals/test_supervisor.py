@@ -364,6 +364,12 @@ def test_a_goal_has_a_finite_time_from_its_acceptance_on_that_grows_with_the_rou
     assert 120.0 <= blind.supervisor.timeout <= near.supervisor.timeout
     blind.pose(Pose(0.0, 0.0, 0.0))
     assert blind.supervisor.timeout == pytest.approx(far.supervisor.timeout)
+    # Limits that were lowered since the last step count for the next goal.
+    config = near.supervisor.config
+    slow = config.controller.data_sheet._replace(v_max=0.1)
+    near.supervisor.config = config._replace(controller=config.controller._replace(data_sheet=slow))
+    near.supervisor.on_goal(Pose(131.0, 0.0, 0.0))
+    assert near.supervisor.timeout > 131.0 / 0.1
 
 
 def test_a_book_knows_its_goals_by_their_ids_and_the_newest_accepted_one():
