@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from diffbot_control.filter.consistency import nis_bounds
-from diffbot_control.filter.covariance import check_covariance
+from diffbot_control.filter.covariance import UnknownCovarianceError, check_covariance
 from diffbot_control.filter.ekf import REJECTED, RELOCATED, WEIGHED
 from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.measurement import FIXES
@@ -58,12 +58,14 @@ class EkfInputs:
         return stamped_pose(message, self._config.map_frame, self.initial_noise)
 
     def odometry(self, message: Any) -> OdometryStep:
-        """Return the step of an Odometry. An all-zero covariance means unknown, see :class:`OdometryConfig`."""
+        """Return the step of an Odometry. An unknown covariance is set to zero, see :class:`OdometryConfig`."""
         check_frame(message.child_frame_id, self._robot_frame, "child_frame_id", "base_link_frame (and frame_prefix)")
         twist, covariance = twist_from(message.twist.twist), message.twist.covariance
         var_v, cov, var_omega = float(covariance[0]), float(covariance[5]), float(covariance[35])
-        if any((var_v, cov, var_omega)):
+        try:
             check_covariance(np.array(((var_v, cov), (cov, var_omega))))
+        except UnknownCovarianceError:
+            var_v = cov = var_omega = 0.0
         return OdometryStep(measured_ns(message.header.stamp), twist, TwistCovariance(var_v, cov, var_omega))
 
     def joint_states(self, message: Any) -> OdometryStep | None:

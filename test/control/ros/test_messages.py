@@ -4,11 +4,14 @@ import math
 
 import numpy as np
 import pytest
+from filter_input import START, odometry
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from scipy.spatial.transform import Rotation
 
+from diffbot_control.ros.messages.ekf import EkfInputs
 from diffbot_control.ros.messages.fields import pose_from
+from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_control.ros.sensors import KnownNoise, stamped_pose
 from diffbot_core.errors import BadMessageError
 
@@ -48,6 +51,14 @@ def test_an_estimate_has_a_stamp_a_planar_pose_and_an_uncertainty_unless_its_cov
         message.twist.twist.linear.x = math.inf
         message.twist.covariance[:] = math.nan
     assert pose_from(message, "map", "base_link") == (stamp, pose, None)
+
+
+@pytest.mark.parametrize("variances", [(0.0, 0.0), (1e-3, 0.0), (0.0, 1e-3), (1e9, 1e9)])
+def test_an_unknown_covariance_of_the_odometry_is_set_to_zero(variances):
+    message = odometry(START)
+    message.twist.covariance[:] = 0.0
+    message.twist.covariance[[0, 35]] = variances
+    assert EkfInputs(EkfNodeConfig()).odometry(message).covariance == (0.0, 0.0, 0.0)
 
 
 INVALID = [np.diag([math.nan, 1.0, 1.0]), np.diag([1.0, -0.1, 1.0]), np.array([[1, 2, 0], [2, 1, 0], [0, 0, 1.0]])]
