@@ -108,8 +108,9 @@ def test_a_deactivated_controller_stops_cancels_its_goal_and_is_idle_after_the_n
     ended = manager.controller.supervisor.goals.ended
     assert ended[-1].text == "cancelled: by the deactivation of the controller"
     before = len(manager.commands)
-    manager.goals.publish(pose_stamped(5.0, 0.0, 0.0))
-    manager.move()  # the filter is still active
+    for _ in range(20):  # as by a planner that goes on
+        manager.goals.publish(pose_stamped(5.0, 0.0, 0.0))
+        manager.move()  # the filter is still active
     manager.change("controller", *ACTIVATE)
     manager.move()
     manager.move()

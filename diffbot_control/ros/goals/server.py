@@ -115,7 +115,8 @@ class GoalServer:
             return
         self.drop_waiting(REPLACED, f"by a newer goal ({topic})")
         self._waiting = message, request
-        if not self._is_busy():
+        # Refuse goals of an inactive node at once: the node would accept a waiting goal after its activation.
+        if not (self._node.is_active and self._is_busy()):
             self._take()
 
     def _is_busy(self) -> bool:
