@@ -36,7 +36,7 @@ from nav_msgs.msg import Path
 
 from diffbot_control.goals import record as goal_record
 from diffbot_control.law.docking_axis import pose_on_axis
-from diffbot_control.ros.goals.client import LOST, REPEAT_PERIOD, GoalClient, TaskFeedback
+from diffbot_control.ros.goals.client import LOST, REPEAT_PERIOD, GoalClient, GoalTask, TaskFeedback
 from diffbot_control.ros.messages.fields import pose_of
 from diffbot_core.errors import BadMessageError, DiffbotError
 from diffbot_core.geometry import Pose
@@ -142,12 +142,10 @@ class Navigator(GoalClient):
 
     def goThroughPoses(self, poses: Sequence[PoseStamped], behavior_tree: str = "") -> bool:  # noqa: N802
         """Send a path like :meth:`goToPose`; all poses must be in one frame, and ``behavior_tree`` is ignored."""
-        self._waypoints, self._waypoint = [], 0
         return self._send_poses([pose.header.frame_id or self.frame for pose in poses], poses)
 
     def followPath(self, path: Path, controller_id: str = "", goal_checker_id: str = "") -> bool:  # noqa: N802
         """Send a path like :meth:`goThroughPoses`; the ids are ignored."""
-        self._waypoints, self._waypoint = [], 0
         frame = path.header.frame_id or self.frame
         return self._send_poses([pose.header.frame_id or frame for pose in path.poses], path.poses)
 
@@ -165,9 +163,13 @@ class Navigator(GoalClient):
         """Send the next waypoint if the previous one was reached; return True if it is accepted."""
         if not self._waypoints or self.getResult() != TaskResult.SUCCEEDED:
             return False
-        pose, self._waypoints = self._waypoints[0], self._waypoints[1:]
-        self._waypoint += 1
-        return self._send_poses([pose.header.frame_id or self.frame], [pose])
+        (pose, *later), number = self._waypoints, self._waypoint + 1
+        is_accepted = self._send_poses([pose.header.frame_id or self.frame], [pose])
+        if not is_accepted:
+            self.task = GoalTask(self.task.id)
+            self.task.close(goal_record.REFUSED, f"waypoint {number}, see the log")
+        self._waypoints, self._waypoint = later if is_accepted else [], number
+        return is_accepted
 
     def _send_poses(self, names: list[str], poses: Sequence[PoseStamped]) -> bool:
         """Send poses; ``names`` are their frames."""
@@ -182,12 +184,12 @@ class Navigator(GoalClient):
 
     def _send(self, client: GoalClient, poses: list[Pose], frame: str = "") -> bool:
         """Send a goal with one of the two clients; return True if it is accepted, otherwise log the reason."""
-        self._newest_client = client
         try:
             client.send_goal(poses, frame)
         except DiffbotError as error:
             self.error(str(error))
             return False
+        self._newest_client, self._waypoints, self._waypoint = client, [], 0
         return True
 
     def dock(self, controller: str = "dock_controller") -> bool:
@@ -214,7 +216,6 @@ class Navigator(GoalClient):
                 self._docking.close(shut_down=False)
             own = {"controller": controller, "frame": "dock", "prefix": "dock/"}
             self._docking = GoalClient(*self._dock_names, **self._options | own)
-        self._waypoints, self._waypoint = [], 0
         return self._send(self._docking, [pose])
 
     def isTaskComplete(self, task: Any = None) -> bool:  # noqa: N802

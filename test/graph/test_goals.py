@@ -136,6 +136,14 @@ def test_the_navigator_cancels_tasks_replaces_waypoints_and_is_refused(driven, n
     while not navigator.isTaskComplete():
         pass
     assert navigator.getResult() == TaskResult.SUCCEEDED
+    # A refused goal does not drop the waypoints, and a refused waypoint ends the task.
+    elsewhere = pose_stamped(0, 0, 0, frame=UNKNOWN)
+    assert navigator.followWaypoints([pose_stamped(*NEAR), elsewhere, pose_stamped(*FAR)])
+    assert not navigator.goToPose(elsewhere)
+    while not navigator.isTaskComplete():
+        pass
+    assert (navigator.getResult(), navigator.getReason()) == (TaskResult.FAILED, "refused: waypoint 1, see the log")
+    assert navigator.isTaskComplete()
 
 
 def test_the_navigator_sets_the_initial_pose(driven, navigator):
