@@ -110,6 +110,7 @@ class LockStep:
     def reset(self) -> None:
         """Start again with the plant at its first step: wait for stable connections and for the first fix."""
         self._settled_polls, self._answer, self.is_started, self._stalls = 0, None, False, False
+        self.unanswered = 0
 
     def _try_to_start(self) -> None:
         """Send the first step if a filter is connected and the first fix arrives.

@@ -211,7 +211,7 @@ class PlantNode(DiffbotNode[PlantNodeConfig]):
         # The clock is not reset, since nodes do not expect time to jump backwards.
         self.world = World(self.config.world, self.world.stamp + self.world.period)
         self._arrivals = None
-        self._command, self._command_step = STOP, 0
+        self._command, self._command_step, self._skipped = STOP, 0, 0
         self.health.reset()
         if self._lockstep is not None:
             self._lockstep.reset()
