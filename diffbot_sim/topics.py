@@ -27,6 +27,7 @@ from diffbot_core.kinematics import Twist
 from diffbot_core.ros.node import DiffbotNode
 from diffbot_core.ros.qos import QUEUE, TRANSFORMS
 from diffbot_core.shared_parameters import odometry_frame, robot_frame
+from diffbot_sim.config import WorldConfig
 from diffbot_sim.parameters import WALL, PlantNodeConfig
 from diffbot_sim.world import Arrivals, HeadingReading, LandmarkReading, PoseReading, World
 
@@ -58,16 +59,21 @@ class PlantTopics:
         self._fixes, self._headings = publisher(PoseWithCovarianceStamped, "global_pose"), publisher(Imu, "heading")
         self._clouds, self._imus = publisher(PointCloud2, "landmarks"), publisher(Imu, "imu")
         self._joint_states = publisher(JointState, "joint_states")
+        self._create_publisher = publisher
         self._detections = self._contacts = None
-        if config.world.sensors.detector.detection_rate > 0.0:
-            self._detections = publisher(PoseWithCovarianceStamped, "detected_dock_pose")
-            self._contacts = publisher(Bool, "dock_contact")
+        self._open_detector(config.world)
         self._clocks = publisher(Clock, "/clock") if config.clock != WALL else None
         self._transforms = None
         if config.publish_tf and TFMessage is None:
             node.get_logger().info("TF is not published, since tf2_msgs is not installed")
         elif config.publish_tf:
             self._transforms = node.create_publisher(TFMessage, TF_TOPIC, TRANSFORMS)
+
+    def _open_detector(self, config: WorldConfig) -> None:
+        """Create the publishers of a detector when its rate is not 0, which may change at run time."""
+        if self._contacts is None and config.sensors.detector.detection_rate > 0.0:
+            self._detections = self._create_publisher(PoseWithCovarianceStamped, "detected_dock_pose")
+            self._contacts = self._create_publisher(Bool, "dock_contact")
 
     def required(self, fixes: bool) -> list[Any]:
         """Return the publishers that need a subscription before the first step.
@@ -98,6 +104,7 @@ class PlantTopics:
     def publish(self, world: World, arrivals: Arrivals) -> None:
         """Send all messages of the present step. The odometry is the last message, since the filter answers it."""
         stamp, in_odom, odometry, rate = world.stamp, world.state.odometry, world.odometry(), world.turn_rate()
+        self._open_detector(world.config)
         self.publish_truth(world)
         for fix in arrivals.fixes:
             self._send_pose("global_pose", self._fixes, self._fix, fix)

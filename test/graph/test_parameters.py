@@ -4,6 +4,7 @@ import math
 
 import pytest
 import yaml
+from geometry_msgs.msg import PoseWithCovarianceStamped
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters, SetParametersAtomically
 from rclpy.parameter import PARAMETER_SEPARATOR_STRING, Parameter, parameter_dict_from_yaml_file
 from rclpy.parameter import parameter_value_to_python as python_value
@@ -87,6 +88,14 @@ def test_a_dump_can_start_the_node_again_and_can_be_loaded(nodes, name, tmp_path
     changeable = [one for one in parameters_of(type(node.config)) if not one.spec.read_only]
     assert sum(result.successful for result in results) >= len(changeable)
     assert dumped(nodes.peer, node) == first
+
+
+def test_the_detector_of_the_plant_can_be_switched_on_while_the_plant_runs(nodes):
+    plant, detections = nodes.add(PlantNode), nodes.peer.subscribe(PoseWithCovarianceStamped, "detected_dock_pose")
+    nodes.peer.spin_until(lambda: plant.step > 0, what="a step")
+    plant.set_parameters([Parameter("detection_rate", value=10.0)])
+    nodes.peer.spin_until(lambda: detections or plant.faults.newest, what="a detection")
+    assert plant.faults.newest == ""
 
 
 def test_an_argument_that_ros_would_ignore_in_a_namespace_ends_the_start(kept_signal_handlers, capfd, monkeypatch):
