@@ -282,7 +282,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
 
     def _on_odometry(self, message: Odometry) -> None:
         step = self._inputs.odometry(message)
-        expected = odometry_frame(self.config) if self.config.publish_tf else ""
+        expected = odometry_frame(self.config) if self._transforms is not None else ""
         self._watch.receive_frame(message.header.frame_id, expected)
         with suppress(BadMessageError):  # the filter only needs the twist
             self._watch.odometry.add(step.stamp, pose_of(message.pose.pose), step.twist)
@@ -301,6 +301,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
 
     def _on_odometry_pose(self, message: Odometry) -> None:
         """Publish map -> odom if joint_states is the odometry of the filter."""
+        self._watch.receive_frame(message.header.frame_id, odometry_frame(self.config))
         stamp, in_odom = self._inputs.odometry(message).stamp, pose_of(message.pose.pose)
         if self._transforms is None or self._newest is None:
             return

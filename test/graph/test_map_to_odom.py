@@ -100,6 +100,18 @@ def test_with_joint_states_the_estimate_is_predicted_to_the_stamp_of_odom_by_the
     assert own == pytest.approx((5.0, 6.0, 0.1), abs=1e-12)
 
 
+@pytest.mark.parametrize(("source", "publishes"), [("odom", True), ("joint_states", True), ("odom", False)])
+def test_odom_in_another_frame_is_reported_if_the_transform_is_published(ekf, monkeypatch, source, publishes):
+    if not publishes:
+        monkeypatch.setattr(ekf_node, "transform_sender", lambda *_: None)  # as without tf2_msgs
+    node, _, _ = ekf({"odometry_source": source, "odom_frame": "wheel_odom"})
+    node._on_sensor("global_pose", fix(START, 1.0, 2.0, 0.0))
+    receive = node._on_odometry if source == "odom" else node._on_odometry_pose
+    receive(in_odom(START, 5.0, 6.0, 0.1))
+    node._check_and_report()
+    assert ("odom has the frame_id 'odom'" in node.health_level()[1]) == publishes
+
+
 @pytest.mark.parametrize("source", ["odom", "joint_states"])
 def test_a_deactivated_ekf_sends_nothing(ekf, source):
     node, _, sent = ekf({"odometry_source": source})
