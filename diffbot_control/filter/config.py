@@ -39,7 +39,7 @@ _MAX_SOURCES = 8
 MIN_SIGMA, MAX_SIGMA = 1e-4, 1e3
 """[m], [rad] smallest and largest standard deviation for which the filter is numerically accurate"""
 _MAX_DELAY = 60.0
-_TOPIC_NAME = re.compile(r"[~/]?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
+_TOPIC_NAME = re.compile(r"(~?/)?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)
 _MAX_ID = 2**31 - 1
 """Largest id of a landmark; messages contain ids as int32."""
 

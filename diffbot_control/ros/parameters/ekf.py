@@ -10,8 +10,11 @@ from diffbot_core.kinematics import WheelGeometry
 from diffbot_core.schema import TIMEOUT, Spec
 from diffbot_core.shared_parameters import PREFIX_TEXT, RELIABLE_TEXT, FaultConfig, LifecycleConfig
 
-_TOPICS = ("global_pose", "heading", "imu", "landmarks", "initialpose", "odom", "joint_states", "detected_dock_pose")
-"""Inputs with fixed topics."""
+_TOPICS = (
+    *("global_pose", "heading", "imu", "landmarks", "initialpose", "odom", "joint_states", "detected_dock_pose"),
+    *("pose", "odometry/filtered"),
+)
+"""Fixed topics of inputs and outputs."""
 
 
 class SensorNoise(NamedTuple):
@@ -129,13 +132,13 @@ class EkfNodeConfig(NamedTuple):
     faults: FaultConfig = FaultConfig()
 
     def check(self) -> None:
-        """Check that no two inputs have the same topic.
+        """Check that ``pose_sources`` has no other topic of the node.
 
         Raises:
-            InvalidValueError: if one of ``pose_sources`` is the topic of another input.
+            InvalidValueError: if one of ``pose_sources`` is the topic of another input or of an output.
         """
         topics = self.localization.sources.pose_sources
         if twice := sorted(set(_TOPICS).intersection(topics)):
             raise InvalidValueError(
-                "pose_sources", list(topics), sentence=f"{twice[0]} is also the topic of another input"
+                "pose_sources", list(topics), sentence=f"{twice[0]} is already another topic of the node"
             )

@@ -23,6 +23,7 @@ from diffbot_core.schema import build
         ({"pose_sources": ["gps", "gps"]}, "pose_sources"),
         ({"pose_sources": [f"gps{i}" for i in range(9)]}, "pose_sources"),
         ({"pose_sources": ["a topic"]}, "pose_sources"),
+        ({"pose_sources": ["~gps"]}, "pose_sources"),
         ({"pose_sources": ["gps"], "pose_source_delay": [0.1, 0.2]}, "pose_source_delay"),
         ({"pose_sources": ["gps"], "pose_source_delay": [1.5]}, "pose_source_delay"),
         ({"pose_sources": ["gps"], "pose_source_sigma_xy": [1e-5]}, "pose_source_sigma_xy"),

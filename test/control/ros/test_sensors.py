@@ -43,9 +43,9 @@ def sensors(transforms=NO_TRANSFORMS, **values):
     return {sensor.topic: sensor for sensor in sensors_of(build(EkfNodeConfig, values), transforms)}
 
 
-@pytest.mark.parametrize("topic", ["heading", "odom", "detected_dock_pose"])
-def test_two_inputs_cannot_have_the_same_topic(topic):
-    expected = rf"pose_sources = \['gps', '{topic}'\]: {topic} is also the topic of another input"
+@pytest.mark.parametrize("topic", ["heading", "odom", "detected_dock_pose", "pose"])
+def test_a_source_of_fixes_cannot_have_another_topic_of_the_node(topic):
+    expected = rf"pose_sources = \['gps', '{topic}'\]: {topic} is already another topic of the node"
     with pytest.raises(InvalidValueError, match=expected):
         sensors(pose_sources=["gps", topic])
 
