@@ -17,7 +17,7 @@ import functools
 import math
 import re
 from collections import namedtuple
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable, Iterable, Mapping
 from types import MappingProxyType
 from typing import Annotated, Any, NamedTuple, TypeVar, cast, get_args, get_origin, get_type_hints
 
@@ -169,11 +169,15 @@ def variant(
     hints = {**get_type_hints(config_type, include_extras=True), **groups}
     defaults = {**config_type()._asdict(), **{name: (get_args(hint) or (hint,))[0]() for name, hint in groups.items()}}
     names = [name for name in config_type._fields if name not in without]
-    made = namedtuple(config_type.__name__, names, defaults=[defaults[name] for name in names])  # type: ignore[misc]
-    made.__annotations__ = {name: hints[name] for name in names}
-    if values:
-        made.__new__.__defaults__ = tuple(build(made, values))
-    return made
+
+    def with_defaults(found: Iterable[Any]) -> type[Any]:
+        made = namedtuple(config_type.__name__, names, defaults=found)  # type: ignore[misc]
+        made.__annotations__ = {name: hints[name] for name in names}
+        return made
+
+    made = with_defaults(defaults[name] for name in names)
+    # A type of its own: parameters_of() keeps the defaults of a type.
+    return with_defaults(build(made, values)) if values else made
 
 
 def _collect(config_type: type[Any], default: Any, path: tuple[str, ...], partial: bool = False) -> list[Parameter]:

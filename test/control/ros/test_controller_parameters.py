@@ -9,7 +9,7 @@ from diffbot_control.law import PRESETS, GoalTolerance, Law, SwitchingLaw
 from diffbot_control.ros.parameters.controller import ControllerNodeConfig, parameter_set_of
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.errors import InvalidValueError
-from diffbot_core.schema import Spec, build, parameters_of
+from diffbot_core.schema import Spec, build, parameters_of, to_dict
 from diffbot_lab.laws.rotate_drive_rotate import RotateDriveRotateConfig
 
 
@@ -101,6 +101,7 @@ def test_a_law_whose_parameters_the_node_cannot_have_is_refused(config, reason):
 def test_a_preset_selects_its_law_and_a_law_its_preset(given, law, preset):
     config_type, presets = parameter_set_of(given)
     assert ("sigma_known" in {one.name for one in parameters_of(config_type)}) == (law == "switching")
+    assert to_dict(config_type()) == {one.name: one.default for one in parameters_of(config_type)}
     found = presets[given.get("preset", config_type().preset)]
     assert (found.law, found.preset) == (law, preset)
     assert found.supervisor.controller == PRESETS[preset].config
