@@ -18,7 +18,7 @@ from typing import Any, BinaryIO, NamedTuple
 from mcap.records import Channel, Schema
 
 from diffbot_bag.index import MAX_TIME, Block, read_attachment, read_block, read_index
-from diffbot_bag.metadata import FILE_NAME, BagMetadata, Topic, path_inside
+from diffbot_bag.metadata import FILE_NAME, BagMetadata, Topic, path_inside, without_losses
 from diffbot_bag.metadata import read as read_metadata
 from diffbot_bag.qos import INFINITE, load_profiles
 from diffbot_core.errors import DiffbotError, InvalidValueError, shown
@@ -140,8 +140,9 @@ class BagReader:
 
     @property
     def custom_data(self) -> Mapping[str, str]:
-        """Notes of the recorder in metadata.yaml, such as the number of lost messages."""
-        return self.metadata.custom_data if self.metadata else {}
+        """Notes of the recorder in metadata.yaml, such as the number of lost messages, if the bag is complete."""
+        notes = self.metadata.custom_data if self.metadata else {}
+        return without_losses(notes) if self.warning else notes
 
     @property
     def schemas(self) -> dict[str, Schema | None]:

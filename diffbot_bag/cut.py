@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from diffbot_bag.bag import PARAMETERS, MergedBags
-from diffbot_bag.metadata import BagMetadata, Topic
+from diffbot_bag.metadata import LOST, BagMetadata, Topic, losses_of, without_losses
 from diffbot_bag.metadata import read as read_metadata
 from diffbot_bag.writer import new_bag
 from diffbot_core.errors import DiffbotError, shown
@@ -25,7 +26,7 @@ def cut(
 ) -> BagMetadata:
     """Write the messages with ``start <= log time < end`` to a new bag, in the order of log time.
 
-    The parameters of the nodes are copied, too, and the numbers of lost messages are added up.
+    The parameters of the nodes are copied, too, and the numbers of lost messages are added up if all bags have them.
 
     Args:
         bags: open bags; for equal log times, messages of an earlier bag come first.
@@ -66,9 +67,11 @@ def cut(
 
 def _join_custom_data(all_data: Sequence[Mapping[str, str]]) -> dict[str, str]:
     """Join the custom data of several bags: numbers of lost messages are added, other values are listed."""
-    joined: dict[str, str] = {}
-    for name in dict.fromkeys(name for data in all_data for name in data):
-        values = [data[name] for data in all_data if name in data]
-        is_count = name.startswith("lost") and all(value.isdecimal() for value in values)
-        joined[name] = str(sum(map(int, values))) if is_count else ", ".join(dict.fromkeys(values))
+    lost = Counter[str]()
+    for losses in map(losses_of, all_data):
+        lost.update(losses)
+    joined = {name: str(count) for name, count in lost.items()} if all(LOST in data for data in all_data) else {}
+    others = [without_losses(data) for data in all_data]
+    for name in dict.fromkeys(name for data in others for name in data):
+        joined[name] = ", ".join(dict.fromkeys(data[name] for data in others if name in data))
     return joined

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from diffbot_bag.bag import BagReader, RawMessage
 from diffbot_bag.losses import LossCounter
+from diffbot_bag.metadata import LOST, losses_of
 from diffbot_bag.player import GAP
 from diffbot_bag.qos import Qos, to_plain
 from diffbot_core.stamps import NS_PER_S
@@ -90,8 +91,12 @@ class TopicInfo(NamedTuple):
 
     @property
     def lost(self) -> int | None:
-        """Number of lost messages: the larger of the recorder's report and the missing sequence numbers."""
-        return _larger(self.recorder_lost, self.figures.missing if self.figures else None)
+        """Number of lost messages: by the recorder's report or, without it, by the missing sequence numbers.
+
+        The recorder counts the messages during a pause, but does not record them. So their numbers are missing.
+        """
+        missing = self.figures.missing if self.figures else None
+        return missing if self.recorder_lost is None else self.recorder_lost
 
 
 class BagInfo(NamedTuple):
@@ -129,13 +134,10 @@ class BagInfo(NamedTuple):
     @property
     def lost(self) -> int | None:
         """Number of lost messages of all topics; None if it is unknown for each topic and for the bag."""
+        if self.recorder_lost is not None:
+            return self.recorder_lost
         known = [topic.lost for topic in self.topics if topic.lost is not None]
-        return _larger(sum(known) if known else None, self.recorder_lost)
-
-
-def _larger(first: int | None, second: int | None) -> int | None:
-    """Return the larger of two numbers that may be unknown."""
-    return max((number for number in (first, second) if number is not None), default=None)
+        return sum(known) if known else None
 
 
 def info_of(
@@ -164,7 +166,7 @@ def info_of(
             columns[message.topic].add(message)
             observe(message)
             progress(1)
-    lost, lost_by_topic = _reported_losses(reader.custom_data)
+    losses = losses_of(reader.custom_data)
     topics = [
         TopicInfo(
             name=name,
@@ -172,7 +174,7 @@ def info_of(
             encoding=topic.encoding,
             message_count=topic.message_count,
             qos=topic.qos,
-            recorder_lost=None if lost is None else lost_by_topic.get(name, 0),
+            recorder_lost=losses.get(f"lost {name}", 0) if LOST in losses else None,
             figures=columns[name].figures(max(len(topic.qos), 1)) if columns else None,
         )
         for name, topic in sorted(reader.topics.items())
@@ -184,7 +186,7 @@ def info_of(
         start=reader.start,
         end=reader.end,
         topics=tuple(topics),
-        recorder_lost=lost,
+        recorder_lost=losses.get(LOST),
         jumps=_jumps([column.times for column in columns.values()]),
     )
 
@@ -253,13 +255,6 @@ def _jumps(all_times: list[array[int]]) -> tuple[tuple[int, int], ...]:
     times = np.sort(np.concatenate([np.array(topic_times, np.int64) for topic_times in all_times]))
     starts = np.flatnonzero(np.diff(times) > GAP)
     return tuple((int(times[index]), int(times[index + 1])) for index in starts)
-
-
-def _reported_losses(custom_data: Mapping[str, str]) -> tuple[int | None, dict[str, int]]:
-    """Return the number of lost messages that the recorder reported, in total (None without a report) and by topic."""
-    counts = {key: int(value) for key, value in custom_data.items() if key.startswith("lost") and value.isdecimal()}
-    total = counts.pop("lost_messages", None)
-    return total, {key.removeprefix("lost "): count for key, count in counts.items()}
 
 
 def info_as_plain(info: BagInfo) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,6 +17,8 @@ ROOT = "rosbag2_bagfile_information"
 VERSION = 9
 MAX_BYTES = 16 * 2**20
 """[bytes] largest metadata.yaml that is read"""
+LOST = "lost_messages"
+"""Key in the custom data: number of lost messages of all topics; ``lost <topic>`` is the key of one topic."""
 
 
 class Topic(NamedTuple):
@@ -66,6 +69,18 @@ class BagMetadata(NamedTuple):
     def message_count(self) -> int:
         """Number of messages in all files."""
         return sum(file.message_count for file in self.files)
+
+
+def losses_of(custom_data: Mapping[str, str]) -> dict[str, int]:
+    """Return the numbers of lost messages in the custom data by their keys; see LOST."""
+    counts = {key: value for key, value in custom_data.items() if key == LOST or key.startswith("lost /")}
+    return {key: int(value) for key, value in counts.items() if re.fullmatch(r"[0-9]{1,18}", value)}
+
+
+def without_losses(custom_data: Mapping[str, str]) -> dict[str, str]:
+    """Return the custom data without the numbers of lost messages."""
+    losses = losses_of(custom_data)
+    return {key: value for key, value in custom_data.items() if key not in losses}
 
 
 def to_yaml(bag: BagMetadata, *, root: bool = True) -> str:

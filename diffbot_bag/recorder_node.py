@@ -14,6 +14,7 @@ from std_srvs.srv import Trigger
 from diffbot_bag.bag import PARAMETERS
 from diffbot_bag.bag_files import FileLimits
 from diffbot_bag.conversions import message_class, offers, type_hash
+from diffbot_bag.metadata import LOST
 from diffbot_bag.node_parameters import NodeParameters
 from diffbot_bag.parameters import RecorderConfig
 from diffbot_bag.qos import read_overrides, to_request
@@ -359,7 +360,7 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
 
     def _custom_data(self) -> dict[str, str]:
         lost = {f"lost {topic.name}": str(topic.lost) for topic in self._topics.values() if topic.lost}
-        return {"lost_messages": str(self._lost())} | lost
+        return {LOST: str(self._lost())} | lost
 
 
 def main(args: list[str] | None = None) -> int:

@@ -20,7 +20,7 @@ from mcap.summary import Summary
 from diffbot_bag.bag import topic_of
 from diffbot_bag.bag_files import LIBRARY
 from diffbot_bag.index import MAX_RECORD, MAX_TIME
-from diffbot_bag.metadata import FILE_NAME, BagMetadata, Topic, path_inside
+from diffbot_bag.metadata import FILE_NAME, BagMetadata, Topic, path_inside, without_losses
 from diffbot_bag.metadata import read as read_metadata
 from diffbot_bag.writer import BagWriter, new_bag
 from diffbot_core.errors import DiffbotError, shown
@@ -207,8 +207,11 @@ def repair_bag(source: Path, target: Path, progress: Callable[[int], None] = lam
                 after = os.stat(path)
             if (before.st_size, before.st_mtime_ns) != (after.st_size, after.st_mtime_ns):
                 raise DiffbotError(f"{shown(path)} has changed while it was read: is it still being recorded?")
-        writer.custom_data = stored.custom_data if stored else {}
-    return Repaired(read_metadata(target), copy.damages, +copy.lost, copy.without_index, missing, copy.unknown)
+        lost, notes = +copy.lost, stored.custom_data if stored else {}
+        is_intact = not (copy.damages or lost or copy.without_index or missing)
+        # The recorder has not counted messages that are lost by damage; `bag info` counts them by sequence numbers.
+        writer.custom_data = notes if is_intact else without_losses(notes)
+    return Repaired(read_metadata(target), copy.damages, lost, copy.without_index, missing, copy.unknown)
 
 
 def _find_files(bag: Path) -> tuple[list[Path], list[str], BagMetadata | None]:

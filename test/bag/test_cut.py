@@ -65,11 +65,15 @@ def test_parameters_losses_and_other_encodings_are_copied(tmp_path):
     ):
         schema = writer.register_schema("pkg.Message", "protobuf", b"\x0a\xff\x00")
         writer.add_message(writer.register_channel("/proto", "protobuf", schema), BEGIN + 1, b"\xff\x01", BEGIN)
+    with closing(MergedBags([tmp_path / "a", tmp_path / "b"])) as bags:
+        cut(bags, tmp_path / "both")
+    with BagReader(tmp_path / "both") as bag:
+        assert bag.custom_data == {"lost_messages": "7", "lost /a": "3", "lost /b": "4", "site": "a, b"}
     with closing(MergedBags([tmp_path / "a", tmp_path / "b", tmp_path / "other.mcap"])) as bags:
         cut(bags, tmp_path / "all", keep=lambda topic: topic.name != "/b")
     with BagReader(tmp_path / "all") as bag:
         assert bag.node_parameters() == {"/a": {"gain": 1.5}, "/b": {"gain": 1.5}}
-        assert bag.custom_data == {"lost_messages": "7", "lost /a": "3", "lost /b": "4", "site": "a, b"}
+        assert bag.custom_data == {"site": "a, b"}, "the losses of one bag are not known"
         assert {name: one.encoding for name, one in bag.topics.items()} == {"/a": "cdr", "/proto": "protobuf"}
     with (tmp_path / "all" / "all_0.mcap").open("rb") as stream:
         found = list(make_reader(stream).iter_messages(topics=["/proto"]))

@@ -106,7 +106,7 @@ def damaged_own_bag(folder, count=200):
         writer.write(channels[index % 2], point(index), BEGIN + index * MS, BEGIN, index)
         if index == count // 2:
             writer.split()
-    writer.custom_data = {"lost_messages": "7"}
+    writer.custom_data = {"lost_messages": "7", "site": "hall"}
     writer.close()
     for path in folder.glob("*.mcap"):
         chunks = chunks_of(path)
@@ -121,7 +121,7 @@ def test_lost_names_of_topics_are_taken_from_metadata_yaml(tmp_path):
     with BagReader(tmp_path / "fixed") as bag:
         names = {message.topic for message in bag.messages()}
         assert all(one.topic == f"/{'ba'[one.sequence % 2]}" for one in bag.messages())
-        assert bag.custom_data == {"lost_messages": "7"}
+        assert bag.custom_data == {"site": "hall"}, "the recorder has not counted the damage"
         assert {topic.type for topic in bag.topics.values()} == {POINT}
     assert (names, repaired.unknown) == ({"/a", "/b"}, [])
     (tmp_path / "run" / "metadata.yaml").unlink()
