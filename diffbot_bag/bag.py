@@ -22,7 +22,7 @@ from diffbot_bag.metadata import FILE_NAME, BagMetadata, Topic, path_inside, wit
 from diffbot_bag.metadata import read as read_metadata
 from diffbot_bag.qos import INFINITE, load_profiles
 from diffbot_core.errors import DiffbotError, InvalidValueError, shown
-from diffbot_core.files import open_regular
+from diffbot_core.files import expanded, open_regular
 
 PARAMETERS = "parameters.json"
 """Name of the attachment with the parameters of the nodes."""
@@ -71,14 +71,13 @@ class BagReader:
         Raises:
             DiffbotError: if the bag is missing, not a rosbag2 MCAP bag, damaged or empty, or a topic has two types.
         """
-        self.path = Path(path)
+        self.path = expanded(path)
         self.metadata: BagMetadata | None = None
         self._open: tuple[int, BinaryIO] | None = None
         try:
-            self.path = self.path.expanduser()
             self.files = self._find_files()
-        except (OSError, RuntimeError) as error:  # a name that is too long; the home of an unknown user
-            raise DiffbotError(f"no bag {shown(path)}: {getattr(error, 'strerror', None) or error}") from error
+        except OSError as error:  # a name that is too long
+            raise DiffbotError(f"no bag {shown(path)}: {error.strerror}") from error
         self._indexes = [read_index(file, number) for number, file in enumerate(self.files)]
         self._blocks = [block for index in self._indexes for block in index.blocks]
         self.topics: dict[str, Topic] = {}
@@ -319,14 +318,15 @@ class MergedBags:
         Raises:
             DiffbotError: if a bag cannot be read, is given twice, or has a topic with another type than an earlier bag.
         """
-        self.paths = tuple(path.expanduser() for path in paths)
+        self.paths = tuple(expanded(path) for path in paths)
         self.readers: list[BagReader] = []
         self.topics: dict[str, Topic] = {}
         for path in self.paths:
-            if any(reader.path.exists() and path.exists() and reader.path.samefile(path) for reader in self.readers):
+            reader = BagReader(path)
+            if any(other.path.samefile(path) for other in self.readers):
                 raise InvalidValueError("bags", str(path), sentence="this bag is given twice")
-            self.readers.append(BagReader(path))
-            for topic in self.readers[-1].topics.values():
+            self.readers.append(reader)
+            for topic in reader.topics.values():
                 known = self.topics.get(topic.name)
                 merged = _with_count(known, topic, self)
                 self.topics[topic.name] = merged._replace(qos=(known.qos if known else ()) + topic.qos)

@@ -24,7 +24,7 @@ from diffbot_bag.metadata import FILE_NAME, BagMetadata, Topic, path_inside, wit
 from diffbot_bag.metadata import read as read_metadata
 from diffbot_bag.writer import BagWriter, new_bag
 from diffbot_core.errors import DiffbotError, shown
-from diffbot_core.files import MCAP, open_regular
+from diffbot_core.files import MCAP, expanded, open_regular
 
 _RECORD = struct.Struct("<BQ")
 """Opcode and length of a record."""
@@ -195,7 +195,7 @@ def repair_bag(source: Path, target: Path, progress: Callable[[int], None] = lam
     Raises:
         DiffbotError: if the bag is missing, a file changes during the repair, or the new bag cannot be written.
     """
-    files, missing, stored = _find_files(source.expanduser())
+    files, missing, stored = _find_files(expanded(source))
     with new_bag(target) as writer:
         copy = _Copy(writer, stored.topics if stored else ())
         for path in files:

@@ -28,6 +28,7 @@ from diffbot_bag.index import MAX_TIME
 from diffbot_bag.metadata import Topic
 from diffbot_bag.qos import Qos
 from diffbot_core.errors import DiffbotError
+from diffbot_core.files import expanded
 
 CHUNK_SIZE = 512 * 1024
 """[bytes] size of a chunk before compression; messages that are not in a chunk yet are lost if the process dies"""
@@ -68,9 +69,9 @@ class BagWriter:
             max_backlog: [bytes] If more messages wait for the disk, :meth:`write` waits.
 
         Raises:
-            BagWriteError: if the folder already exists or cannot be created.
+            DiffbotError: if the folder already exists or cannot be created.
         """
-        self.folder = Path(folder).expanduser().absolute()
+        self.folder = expanded(folder).absolute()
         self._chunk_size, self._max_backlog = chunk_size, max_backlog
         self._rows: list[Row] = []
         self._rows_size = self._channels = self._flushed = self._bytes_submitted = self._bytes_done = 0
@@ -267,7 +268,7 @@ def new_bag(folder: Path) -> Iterator[BagWriter]:
     Raises:
         BagWriteError: if ``folder`` already exists or cannot be written.
     """
-    folder = folder.expanduser().absolute()
+    folder = expanded(folder).absolute()
     if os.path.lexists(folder):
         raise BagWriteError(f"{folder} already exists: choose another name for the bag")
     try:

@@ -14,6 +14,7 @@ import stat
 import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from os import PathLike
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -29,6 +30,18 @@ _REPORT = (b"<", b"{")
 """Possible first bytes of a report: HTML or XML, JSON."""
 _PNG, _MATPLOTLIB = b"\x89PNG", b"Matplotlib"
 """The first bytes of a PNG file, and the name that Matplotlib writes after them."""
+
+
+def expanded(path: str | PathLike[str]) -> Path:
+    """Return a path with ``~`` expanded.
+
+    Raises:
+        DiffbotError: if the user after ``~`` is unknown.
+    """
+    try:
+        return Path(path).expanduser()
+    except RuntimeError as error:
+        raise DiffbotError(f"{shown(path)}: the home folder of this user is unknown") from error
 
 
 def open_regular(path: Path) -> BinaryIO:

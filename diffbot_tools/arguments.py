@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar, get_args
 
 from diffbot_core.errors import DiffbotError, InvalidValueError, shown
-from diffbot_core.files import check_output
+from diffbot_core.files import check_output, expanded
 from diffbot_core.schema import parameters_of
 from diffbot_core.yaml_files import load_yaml
 
@@ -29,11 +29,11 @@ def check_outputs(options: argparse.Namespace) -> None:
         DiffbotError: if :func:`~diffbot_core.files.check_output` refuses a path.
     """
     given = {name: value if isinstance(value, list) else [value] for name, value in vars(options).items()}
-    inputs = [one for name, values in given.items() if name not in OUTPUTS for one in values if isinstance(one, Path)]
+    paths = {name: [expanded(one) for one in values if isinstance(one, Path)] for name, values in given.items()}
+    inputs = [one for name, values in paths.items() if name not in OUTPUTS for one in values]
     for name in OUTPUTS:
-        for path in given.get(name, ()):
-            if isinstance(path, Path):
-                check_output(path.expanduser(), [one.expanduser() for one in inputs])
+        for path in paths.get(name, ()):
+            check_output(path, inputs)
 
 
 def whole(low: int, high: int) -> Callable[[str], int]:

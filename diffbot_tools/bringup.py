@@ -13,7 +13,7 @@ from diffbot_control.law.registry import PRESETS
 from diffbot_control.ros.parameters.controller import ControllerNodeConfig
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.errors import DiffbotError, InvalidValueError
-from diffbot_core.files import read_text
+from diffbot_core.files import expanded, read_text
 from diffbot_core.schema import parameters_of, to_dict
 from diffbot_core.yaml_files import MAX_BYTES, WILDCARDS, Section, load_yaml, read_sections, values_for
 from diffbot_sim.parameters import PlantNodeConfig
@@ -121,7 +121,7 @@ def parse(arguments: Sequence[Argument], texts: Mapping[str, str]) -> dict[str, 
         elif one.is_number:
             values[one.name] = load_yaml(text, one.name)
         elif one.name in _PATHS:
-            values[one.name] = os.path.abspath(Path(text).expanduser())
+            values[one.name] = os.path.abspath(expanded(text))
         else:
             values[one.name] = text
     if values["composed"] and not values["localization"]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from os import PathLike
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from diffbot_control.filter.config import LocalizationConfig
@@ -15,6 +14,7 @@ from diffbot_control.ros.parameters.controller import parameter_set_of
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.errors import DiffbotError, InvalidValueError, known_name
+from diffbot_core.files import expanded
 from diffbot_core.schema import build, to_dict
 from diffbot_core.yaml_files import PARAMETERS, load_yaml, values_for
 from diffbot_sim.config import StartPose, WorldConfig
@@ -85,7 +85,7 @@ def read_robot(source: str | PathLike[str] | RobotDescription) -> RobotConfig:
         return _of_description(source, "robot")
     if str(source) in PRESETS:
         return _of_description(PRESETS[str(source)], str(source))
-    path = Path(source).expanduser()
+    path = expanded(source)
     if not path.suffix and not path.exists():
         raise InvalidValueError("robot", str(source), f"a parameter file or {known_name(str(source), PRESETS)}")
     values = {node: values_for(path, node) for node in NODES}
