@@ -276,7 +276,8 @@ class _Copy:
                 number, last = record.channel_id, record.log_time
                 if number not in numbers:
                     numbers[number] = self._channel(number, summary, self._stored if is_own else ())
-                self._writer.write(numbers[number], record.data, last, record.publish_time, record.sequence)
+                publish_time = min(record.publish_time, MAX_TIME)
+                self._writer.write(numbers[number], record.data, last, publish_time, record.sequence)
                 counts[number] += 1
                 if damage is not None:
                     self.damages[-1], damage = damage._replace(after=last), None

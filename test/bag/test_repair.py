@@ -3,7 +3,7 @@
 import shutil
 
 import pytest
-from bag_makers import BEGIN, MS, POINT, chunks_of, facts, mcap_writing, point
+from bag_makers import BEGIN, MS, POINT, chunks_of, facts, mcap_writing, point, write_mcap
 
 from diffbot_bag.bag import BagReader
 from diffbot_bag.repair import repair_bag
@@ -96,6 +96,13 @@ def test_messages_outside_chunks_are_found_after_a_damaged_place(tmp_path):
     source.write_bytes(content[:-2000])
     repair_bag(source, tmp_path / "fixed")
     assert len(facts(tmp_path / "fixed")) >= COUNT - 15
+
+
+def test_a_message_with_an_invalid_publish_time_is_saved(tmp_path):
+    rows = [("/a", BEGIN + index, point(index), BEGIN if index else 2**64 - 1, index) for index in range(5)]
+    repaired = repair_bag(write_mcap(tmp_path / "run.mcap", rows), tmp_path / "fixed")
+    assert [one.data for one in facts(tmp_path / "fixed")] == [point(index) for index in range(5)]
+    assert not repaired.lost
 
 
 def damaged_own_bag(folder, count=200):
