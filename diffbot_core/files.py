@@ -213,8 +213,13 @@ def write_text(path: Path, text: str, *, durable: bool = False, in_bag: bool = F
 
 
 def write_json(path: Path, content: Any) -> None:
-    """Write JSON, with inf and nan as texts, because JSON cannot express them; see :func:`replacing`."""
-    write_text(path, json.dumps(_finite(content), indent=1, allow_nan=False) + "\n")
+    """Write JSON, see :func:`json_text` and :func:`replacing`."""
+    write_text(path, json_text(content) + "\n")
+
+
+def json_text(content: Any) -> str:
+    """Return JSON, with inf and nan as texts, because JSON cannot express them."""
+    return json.dumps(_finite(content), indent=1, allow_nan=False)
 
 
 def _finite(value: Any) -> Any:

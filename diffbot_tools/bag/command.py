@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from diffbot_bag.topic_selection import TopicSelection, check_regex
 from diffbot_core.errors import DiffbotError, shown
+from diffbot_core.files import json_text
 from diffbot_tools.bag.times import FORMS, parse_duration, parse_time, resolve_time
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def _info(options: argparse.Namespace) -> int:
 
     with open_bag(options.bag, decodes=False) as reader, _bar("info", reader.message_count) as progress:
         info = info_of(reader, quick=options.quick, progress=progress)
-    print(json.dumps(info_as_plain(info), indent=1) if options.json else info_text(info))
+    print(json_text(info_as_plain(info)) if options.json else info_text(info))
     return 0
 
 
@@ -70,7 +70,8 @@ def _check(options: argparse.Namespace) -> int:
 
     contract = read_contract(options.contract.expanduser())
     with open_bag(options.bag, decodes=False) as reader, _bar("check", reader.message_count) as progress:
-        results = check_bag(contract, info_of(reader, progress=progress), nis_shares(reader))
+        names = [name for name, rules in contract.topics.items() if "min_nis_inside" in rules]
+        results = check_bag(contract, info_of(reader, progress=progress), nis_shares(reader, names))
     failed = sum(not result.passed for result in results)
     if options.json:
         plain = {
@@ -80,7 +81,7 @@ def _check(options: argparse.Namespace) -> int:
             "passed": not failed,
             "results": [result._asdict() for result in results],
         }
-        print(json.dumps(plain, indent=1))
+        print(json_text(plain))
     else:
         print(*(result.line() for result in results), f"{len(results) - failed} of {len(results)} rules hold", sep="\n")
     return 1 if failed else 0

@@ -17,14 +17,14 @@ _WINDOW = 50
 """number of measurements in a mean"""
 
 
-def nis_shares(reader: BagReader) -> dict[str, float | None]:
-    """Return the share for each topic whose type can contain a NIS; None for a topic without NIS.
+def nis_shares(reader: BagReader, names: Iterable[str]) -> dict[str, float | None]:
+    """Return the share for each of the topics whose type can contain a NIS; None for a topic without NIS.
 
     Raises:
         DiffbotError: if a message cannot be decoded, or a file is damaged.
     """
     shares: dict[str, float | None] = {}
-    for name, topic in reader.topics.items():
+    for name, topic in ((name, reader.topics[name]) for name in names if name in reader.topics):
         if topic.type == STATUS:
             shares[name] = share_of_statuses(message.content for message in reader.decoded([name]))
         elif topic.type == LABELLED and name.endswith(NIS_TOPIC):

@@ -153,6 +153,9 @@ def test_the_exit_status_of_check_tells_passed_failed_and_invalid(odom, tmp_path
     status, lines, _ = run("check", odom, path, "--json")
     found = json.loads("".join(lines))
     assert (status, found["passed"], [one["passed"] for one in found["results"]]) == (1, False, [True] * 3 + [False])
+    path.write_text("version: 1\nbag: {max_duration: .inf}")
+    (result,) = json.loads("".join(run("check", odom, path, "--json")[1]), parse_constant=pytest.fail)["results"]
+    assert (result["rule"], result["bound"]) == ("max_duration", "inf")
     path.write_text("version: 1\ntopics: {/odom: {min_rat: 3}}")
     assert run("check", odom, path)[0] == 2
 
@@ -167,6 +170,16 @@ def test_check_measures_the_consistency_of_a_filter(tmp_path, run):
     ]
     status, lines, _ = run("check", view_bags.write(tmp_path / "worse", worse), path)
     assert (status, lines[1]) == (1, "FAIL /ekf/status min_nis_inside: 0, must be >= 1")
+
+
+def test_check_decodes_only_topics_whose_nis_has_a_bound(tmp_path, run):
+    source, path = tmp_path / "run.mcap", tmp_path / "contract.yaml"
+    with source.open("wb") as stream, bag_makers.mcap_writing(stream, {}) as (writer, _):
+        schema = writer.register_schema("diagnostic_msgs/msg/DiagnosticStatus", "jsonschema", b"{}")
+        writer.add_message(writer.register_channel("/status", "json", schema), BEGIN, b"{}", BEGIN)
+    for rule, status in (("min_count: 1", 0), ("min_nis_inside: 0.5", 2)):
+        path.write_text(f"version: 1\ntopics: {{/status: {{{rule}}}}}")
+        assert run("check", source, path)[0] == status
 
 
 def test_repair_prints_what_is_lost(bag, tmp_path, run):
