@@ -126,7 +126,7 @@ def cases_named(names: tuple[str, ...], cases: tuple[Any, ...] = CASES) -> tuple
     for name in names:
         if name not in known:
             raise InvalidValueError("case", name, "one of " + ", ".join(known))
-    return tuple(known[name] for name in names) or cases
+    return tuple(known[name] for name in dict.fromkeys(names)) or cases
 
 
 def world_of(case: BenchmarkCase) -> tuple[PlantConfig, SensorConfig, FilterConfig]:

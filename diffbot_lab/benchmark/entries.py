@@ -114,12 +114,17 @@ def entries_for(places: tuple[str, ...]) -> tuple[BenchmarkLaw, ...]:
     A place is the name of an entry, or an argument of :func:`resolve_law`.
 
     Raises:
-        InvalidValueError: if a law is not found.
+        InvalidValueError: if a law is not found, or has the name of another law.
     """
     if not places:
         return ENTRIES
     known = {entry.name: entry for entry in ENTRIES}
-    return (known[OWN_NAME], *(known.get(place) or _other_law(place) for place in places if place != OWN_NAME))
+    chosen = {OWN_NAME: known[OWN_NAME]}
+    for place in places:
+        entry = known.get(place) or _other_law(place)
+        if chosen.setdefault(entry.name, entry) != entry:
+            raise InvalidValueError("law", place, sentence=f"another law of the comparison is called {entry.name}, too")
+    return tuple(chosen.values())
 
 
 def _other_law(place: str) -> BenchmarkLaw:

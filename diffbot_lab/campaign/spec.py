@@ -143,8 +143,7 @@ def make_campaign(content: Mapping[str, Any]) -> Campaign:
     for name, values in grid.items():
         if not isinstance(values, list) or not values:
             raise InvalidValueError(f"grid.{name}", values, "a list with at least one value")
-        numbers = [value for value in values if _is_number(value)]
-        if len(set(numbers)) < len(numbers):
+        if len({float(value) if _is_number(value) else repr(value) for value in values}) < len(values):
             raise InvalidValueError(f"grid.{name}", values, sentence="each value may be given only once")
         if name in fixed:
             raise InvalidValueError(f"set.{name}", fixed[name], sentence="it is given in set and in grid; give it once")

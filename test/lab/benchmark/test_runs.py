@@ -41,6 +41,11 @@ def test_the_same_seed_gives_the_same_results(benchmarked):
         np.testing.assert_array_equal(run_case(BY_NAME[name], NOMINAL, values, 17, 7), found)
 
 
+def test_a_law_or_case_that_is_given_twice_runs_once():
+    assert [one.name for one in entries_for((PEER, OWN_NAME, PEER))] == [OWN_NAME, PEER]
+    assert cases_named(("nominal", "nominal")) == (NOMINAL,)
+
+
 def test_all_laws_have_the_same_noise():
     first = [run_paths(BY_NAME[name], NOMINAL, {}, arena_starts()[2], 3, 1)[:, 0, 3:6] for name in (OWN_NAME, PEER)]
     np.testing.assert_array_equal(*first)
@@ -109,6 +114,7 @@ def test_the_command_passes_its_options_and_writes_results_and_figure(
         (["--law", "dancing"], "law = 'dancing': must be package.module:Class or a registered law: docking, "),
         (["--law", "no_such_module:Law"], "ModuleNotFoundError"),
         (["--law", "math:pi"], "a class derived from diffbot_control.law.Law"),
+        (["--law", "diffbot_control.law.switching:SwitchingLaw"], "another law of the comparison is called switching"),
         (["--case", "sunny"], "case = 'sunny': must be one of nominal, "),
         (["--seed", str(TRAINING_SEED)], "the laws were tuned with this seed"),
         (["--tuning", "no_such.json"], "cannot read no_such.json"),
