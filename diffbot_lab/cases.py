@@ -41,7 +41,7 @@ def law_of(name: str, values: Mapping[str, Any]) -> str:
     preset = values.get("preset")
     if preset is None or name != SwitchingLaw.name:
         return name
-    if preset not in PRESETS:
+    if str(preset) not in PRESETS:
         raise InvalidValueError("preset", preset, known_name(preset, PRESETS))
     return PRESETS[preset].law.name
 
@@ -57,7 +57,7 @@ def configure(values: Mapping[str, Any], law: type[Law] = SwitchingLaw) -> Confi
     """
     values = dict(values)
     parts: tuple[type[Any], ...] = (PlantConfig, SensorConfig, law.Config, FilterConfig)
-    preset = PRESETS.get(values.get("preset", ""))
+    preset = PRESETS.get(str(values.get("preset")))
     bases: dict[type[Any], Any] = {}
     if preset is not None and preset.law is law:
         del values["preset"]

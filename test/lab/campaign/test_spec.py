@@ -75,6 +75,7 @@ REFUSED = {
     "empty grid": ("grid: {k: []}", "grid.k = []"),
     "the same value twice": ("grid: {k: [1, 2, 1.0]}", "grid.k = [1, 2, 1.0]"),
     "the same preset twice": ("grid: {preset: [tuned, tuned]}", "each value may be given only once"),
+    "a list of presets": ("set: {preset: [tuned]}", "preset = ['tuned']: must be a known name (paper, precise, tuned)"),
     "too many cells": (f"grid: {{k: {list(range(1, 102))}, h: {list(range(1, 102))}}}", "10201 cells"),
     "delay": ("set: {fix_delay: 1.2}", "fix_delay = 1.2"),
     "two starts": ("start: {list: [[0, 0, 0]], box: {}}", "start = {"),
