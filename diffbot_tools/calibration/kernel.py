@@ -50,6 +50,8 @@ _NANO = 1e-9
 """[s] Times that differ by less are equal."""
 _MIN_DT = 1e-3
 """[s] Shortest time that is assumed between two measurements of one source."""
+_MIN_SEPARATION = 1e-2
+"""Smallest estimated wheel separation, as a share of the configured one. The filter divides by this share."""
 
 compiled = functools.cache(compile_kernel)
 
@@ -208,6 +210,8 @@ def _fuse(x: Array, P: Array, expected: Expected, inflation: float, s: Settings,
     figures[NUMBERS] = m
     figures[TERM] = -0.5 * (m * _LOG_2PI + log_det + counted) / inflation
     correct_state(x, P, s.options, expected, inflation, nis / gate if beyond else 1.0)
+    if abs(1.0 + x[WHEELS + 2]) < _MIN_SEPARATION:
+        x[WHEELS + 2] = _MIN_SEPARATION - 1.0
     return nis
 
 

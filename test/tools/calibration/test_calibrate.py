@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import view_bags
 import yaml
-from calibration_drives import SECOND, Errors, Sensors, record
+from calibration_drives import SECOND, Errors, Sensors, events_of, record
 from scipy import stats
 
 from diffbot_bag.writer import new_bag
@@ -35,6 +35,7 @@ from diffbot_tools.calibration.command import run
 from diffbot_tools.calibration.events import Collector, Odometry, with_error_states
 from diffbot_tools.calibration.kernel import run_events, settings_of
 from diffbot_tools.calibration.latency import latency_of
+from diffbot_tools.calibration.quantities import search_settings
 from diffbot_tools.parameter_file import read_config
 from diffbot_tools.refilter import RecordingLocalization
 
@@ -261,6 +262,15 @@ def test_landmarks_without_a_range_or_without_a_bearing_are_used(recording):
     assert factors["bearing_factor"] == pytest.approx(1.0, rel=0.3)
     assert found.after.consistency.nis == pytest.approx(1.0, abs=0.3)
     assert abs(found.after.consistency.correlation) < 3.0 * found.after.consistency.bound
+
+
+def test_figures_are_finite_if_the_odometry_measures_no_motion():
+    """The gyro measures turns that the wheels do not measure, as if the wheel separation were 0."""
+    events, config = events_of(record(Errors(), seed=7, seconds=30.0, sensors=Sensors(gyro=True))), EkfNodeConfig()
+    events = events._replace(odometry=events.odometry._replace(twist=0.0 * events.odometry.twist))
+    found = run_events(events, search_settings(settings_of(config), [events], config))
+    assert np.isfinite(found.result).all()
+    assert np.isfinite(found.P).all()
 
 
 def test_likelihood_of_correlated_errors_equals_the_joint_density():
