@@ -120,7 +120,10 @@ def _put(content: CommentedMap, node: str, name: str, value: Any, note: str = ""
         old = maps[-1][key]
         before = f"{list(old) if isinstance(old, CommentedSeq) else old} before"
         if isinstance(old, CommentedSeq) and isinstance(new, CommentedSeq):
-            old[:] = new  # keeps its style, and the comments behind it
+            # Setting single items keeps their comments and the style of the list. The new list is never shorter.
+            old.extend(new[len(old) :])
+            for index, item in enumerate(new):
+                old[index] = item
         else:
             maps[-1][key] = new
     for one in maps:

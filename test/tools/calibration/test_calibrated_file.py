@@ -56,6 +56,10 @@ FILES = {
             - uwb # ceiling
             - gps
             pose_source_sigma_xy: [1.0, 1.0] # in the hall
+            correlation_times:
+            - 0.0 # of fixes
+            # compass
+            - 0.5 # guessed
             gate_probability: 1.0
 # the end
 """,
@@ -120,7 +124,7 @@ def test_all_other_values_and_comments_stay(tmp_path, name):
     path, text = tmp_path / "calibrated.yaml", FILES[name]
     path.write_text(text)
     before = {node: values(path, node) for node in ("ekf", "controller")}
-    parameters = FOUND.parameters | {"pose_source_sigma_xy": [0.1, 0.2]}
+    parameters = FOUND.parameters | {"pose_source_sigma_xy": [0.1, 0.2], "correlation_times": [2.0, 0.5, 0.0]}
     after = written(path, text, FOUND._replace(parameters=parameters))
     base = {"command_latency": 0.229, "drive_time_constant": 0.1}
     base |= {"linear.x.max_acceleration": 0.5, "angular.z.max_acceleration": 9.0}
