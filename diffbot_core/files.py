@@ -108,7 +108,7 @@ def check_output(path: Path, inputs: Iterable[Path] = ()) -> None:
         raise DiffbotError(f"cannot write to {path}: the command reads it; choose another name")
     first = _first_bytes(path, 256)
     if first and not first.startswith(_REPORT) and not (first.startswith(_PNG) and _MATPLOTLIB in first):
-        raise DiffbotError(f"{path} already exists and is not a report of diffbot; choose another name")
+        raise DiffbotError(f"{path} already exists, and only reports are replaced; choose another name")
 
 
 def is_bag_folder(folder: Path) -> bool:

@@ -112,7 +112,7 @@ def test_no_file_in_a_finished_or_unfinished_bag_is_replaced(tmp_path):
         before = sorted(tmp_path.rglob("*")), (tmp_path / "lone.mcap").read_bytes()
         with pytest.raises(FileExistsError):
             write_text(path, "<report/>")
-        with pytest.raises(DiffbotError, match=r"cannot write|is not a report of diffbot"):
+        with pytest.raises(DiffbotError, match=r"cannot write|only reports are replaced"):
             check_output(path / "below" if path == bags[0] else path)
         assert (sorted(tmp_path.rglob("*")), (tmp_path / "lone.mcap").read_bytes()) == before
     for folder in bags:
@@ -130,8 +130,8 @@ def test_a_command_replaces_only_reports_of_diffbot(tmp_path):
     (tmp_path / "photo.png").write_bytes(b"\x89PNG of something else")
     (tmp_path / "link.xml").symlink_to(tmp_path / "r.xml")
     for path, inputs, words in (
-        (tmp_path / "notes.txt", [], "already exists and is not a report of diffbot"),
-        (tmp_path / "photo.png", [], "already exists and is not a report of diffbot"),
+        (tmp_path / "notes.txt", [], "already exists, and only reports are replaced"),
+        (tmp_path / "photo.png", [], "already exists, and only reports are replaced"),
         (tmp_path / "link.xml", [], "symbolic link"),
         (tmp_path / "r.json", [tmp_path / "r.json"], "the command reads it"),
         (Path("/dev/null"), [], "neither a file nor a folder"),
