@@ -22,18 +22,21 @@ OUTPUTS = ("out", "record")
 Number = TypeVar("Number", int, float)
 
 
-def check_outputs(options: argparse.Namespace) -> None:
-    """Refuse options of a command that would overwrite a bag, an input or a file that diffbot did not write.
+def check_paths(options: argparse.Namespace) -> None:
+    """Expand ``~`` in all paths, and refuse to overwrite a bag, an input or a file that diffbot did not write.
 
     Raises:
-        DiffbotError: if :func:`~diffbot_core.files.check_output` refuses a path.
+        DiffbotError: if :func:`~diffbot_core.files.check_output` refuses a path, or the user after ``~`` is unknown.
     """
-    given = {name: value if isinstance(value, list) else [value] for name, value in vars(options).items()}
-    paths = {name: [expanded(one) for one in values if isinstance(one, Path)] for name, values in given.items()}
-    inputs = [one for name, values in paths.items() if name not in OUTPUTS for one in values]
-    for name in OUTPUTS:
-        for path in paths.get(name, ()):
-            check_output(path, inputs)
+    inputs, outputs = list[Path](), list[Path]()
+    for name, value in vars(options).items():
+        given = value if isinstance(value, list) else [value]
+        paths = [expanded(one) for one in given if isinstance(one, Path)]  # the shell does not expand --out=~/file
+        if paths:
+            setattr(options, name, paths if isinstance(value, list) else paths[0])
+            (outputs if name in OUTPUTS else inputs).extend(paths)
+    for path in outputs:
+        check_output(path, inputs)
 
 
 def whole(low: int, high: int) -> Callable[[str], int]:

@@ -21,7 +21,7 @@ from diffbot_core.errors import DiffbotError
 from diffbot_core.installed import DISTRIBUTION, entry_points_by_name
 from diffbot_core.launcher import end_on_signals
 from diffbot_core.schema import build, to_dict
-from diffbot_tools.arguments import MAX_SEED, add_flags, add_remap, check_outputs, duration, once, ros_parameters, whole
+from diffbot_tools.arguments import MAX_SEED, add_flags, add_remap, check_paths, duration, once, ros_parameters, whole
 from diffbot_tools.bag.command import add_bag
 from diffbot_tools.drive import MAX_DOMAIN, add_drive
 from diffbot_tools.live.command import add_check
@@ -93,7 +93,7 @@ def main(args: list[str] | None = None) -> int:
         if signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, signal.default_int_handler)
     try:
-        check_outputs(options)
+        check_paths(options)
         status = int(options.call(options))
         sys.stdout.flush()
         return status

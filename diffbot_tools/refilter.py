@@ -124,7 +124,6 @@ def parameter_file_of(bag: Path, params: Path | None) -> Path:
     Raises:
         DiffbotError: if the bag or the parameter file does not exist.
     """
-    bag = bag.expanduser()
     if not bag.exists():
         raise DiffbotError(f"there is no bag {bag}")
     if params is not None:

@@ -46,7 +46,7 @@ def add_robot(commands: Any) -> None:
 
 
 def _new(options: argparse.Namespace) -> int:
-    path = options.out.expanduser()
+    path = options.out
     if path.exists():
         raise DiffbotError(f"{path} already exists: choose another name")
     parameters = parameters_of(RobotDescription)
@@ -125,7 +125,7 @@ def _drive(options: argparse.Namespace) -> int:
     try:
         options.out.parent.mkdir(parents=True, exist_ok=True)
         save_picture(found, options.out)
-    except OSError as error:
-        raise DiffbotError(f"cannot write to {options.out}: {error.strerror}") from None
+    except (OSError, ValueError) as error:  # ValueError: a suffix that matplotlib cannot write
+        raise DiffbotError(f"cannot write to {options.out}: {getattr(error, 'strerror', error)}") from None
     print(f"picture {options.out}")
     return 0 if all(drive.is_reached for _, drive in found) else 3

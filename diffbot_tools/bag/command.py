@@ -68,7 +68,7 @@ def _check(options: argparse.Namespace) -> int:
     from diffbot_tools.bag.consistency import nis_shares  # noqa: PLC0415
     from diffbot_tools.opened_bag import open_bag  # noqa: PLC0415
 
-    contract = read_contract(options.contract.expanduser())
+    contract = read_contract(options.contract)
     with open_bag(options.bag, decodes=False) as reader, _bar("check", reader.message_count) as progress:
         names = [name for name, rules in contract.topics.items() if "min_nis_inside" in rules]
         results = check_bag(contract, info_of(reader, progress=progress), nis_shares(reader, names))

@@ -44,9 +44,9 @@ def _names() -> Collection[str]:
 
 
 def _call(options: argparse.Namespace) -> int:
-    bag, *others = (one.expanduser() for one in options.bag)
+    bag, *others = options.bag
     path = bag.resolve()
-    out = (options.out or path.with_name(f"{path.name.removesuffix('.mcap')}.html")).expanduser()
+    out = options.out or path.with_name(f"{path.name.removesuffix('.mcap')}.html")
     if out.suffix.lower() not in (".html", ".htm"):
         raise DiffbotError(f"--out {out}: the name must end with .html")
     if not out.parent.is_dir():

@@ -42,7 +42,7 @@ def _call(options: argparse.Namespace) -> int:
         "host": options.host,
         "port": options.port,
         "namespaces": options.namespace,
-        "record_folder": str(options.record.expanduser().absolute()) if options.record else "",
+        "record_folder": str(options.record.absolute()) if options.record else "",
         "open_browser": options.open,
     }
     # Imported by name, since the command line must work without ROS.

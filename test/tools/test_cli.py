@@ -15,7 +15,7 @@ import view_bags
 
 from diffbot_core.errors import DiffbotError
 from diffbot_tools import cli
-from diffbot_tools.arguments import OUTPUTS, check_outputs
+from diffbot_tools.arguments import OUTPUTS, check_paths
 from diffbot_tools.drive import used_domains
 
 
@@ -71,11 +71,22 @@ def test_no_command_overwrites_a_bag(tmp_path, capsys):
             if action.dest in OUTPUTS:
                 checked.add(f"{name} {action.dest}")
                 with pytest.raises(DiffbotError, match="is a bag"):
-                    check_outputs(Namespace(**{action.dest: path}))
+                    check_paths(Namespace(**{action.dest: path}))
     assert {"report out", "campaign out", "stability certify out", "watch record"} <= checked
     assert cli.main(["report", str(bag), "-o", str(path)]) == 1
     assert capsys.readouterr().err == f"diffbot: cannot write to {path}: {bag} is a bag\n"
     assert path.read_bytes() == before
+
+
+def test_the_home_folder_is_expanded_in_every_path(tmp_path, monkeypatch, capsys):
+    """The shell does not expand --out=~/file, and an unknown user is not an internal error."""
+    monkeypatch.setenv("HOME", str(tmp_path))
+    options = Namespace(out=Path("~/new"), bags=[Path("~/a"), Path("b")], name="~/c")
+    check_paths(options)
+    assert vars(options) == {"out": tmp_path / "new", "bags": [tmp_path / "a", Path("b")], "name": "~/c"}
+    for command in (["report", "~no-such-user/bag"], ["robot", "check", "~no-such-user/robot.yaml"]):
+        assert cli.main(command) == 1
+        assert "~no-such-user/" in capsys.readouterr().err
 
 
 def completed(line):

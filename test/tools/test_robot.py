@@ -183,6 +183,7 @@ def test_a_law_of_the_user_has_the_tolerances_of_the_file(tmp_path, kept_signal_
     [
         (["new", "{}/a.yaml"], "its input is not a terminal"),
         (["check", "turtlebot"], "did you mean turtlebot"),
+        (["drive", "turtlebot4", "--goals", "1", "--out", "{}/a.foo"], "'foo' is not supported"),
     ],
 )
 def test_an_error_is_one_line(words, text, tmp_path, kept_signal_handlers, monkeypatch, capsys):
