@@ -176,8 +176,12 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         """Return why no message arrives on a topic; empty if messages arrive."""
         if problem := self.input_problem(topic):
             return problem
-        age = time.monotonic() - self.health.last_received.get(topic, -math.inf)
-        return f"nothing arrives on {self.resolve_topic_name(topic)}" if age > self.config.sensor_timeout else ""
+        now = time.monotonic()
+        if now - self.health.last_received.get(topic, -math.inf) <= self.config.sensor_timeout:
+            return ""
+        dropped = self.health.newest_drop(topic, now, math.inf)
+        newest = f", and its newest message was dropped: {dropped}" if dropped else ""
+        return f"nothing arrives on {self.resolve_topic_name(topic)}{newest}"
 
     def _level(self, state: str) -> int:
         if state == INACTIVE or (state == RUNNING and not self._faults):

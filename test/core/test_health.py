@@ -1,5 +1,7 @@
 """Counters of a node for /diagnostics, and the log throttle."""
 
+import math
+
 from diffbot_core import health as module
 from diffbot_core.health import Health, Throttle
 
@@ -44,6 +46,7 @@ def test_a_drop_explains_a_silent_topic_until_a_message_is_accepted_or_for_two_s
     health.drop("fix", "too old")
     found = [(health.newest_drop("odom", when), health.newest_drop("fix", when)) for when in (102.0, 102.1)]
     assert found == [("wrong frame_id: 'a', not 'b'", "too old"), ("", "")]
+    assert health.newest_drop("fix", 1e6, math.inf) == "too old"
     health.accept("fix", 100.5)
     assert health.newest_drop("fix", 101.0) == ""
 

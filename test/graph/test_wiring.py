@@ -154,6 +154,18 @@ def test_a_goal_reached_with_fixes_of_another_clock_is_reached_and_names_the_clo
     assert end_of_goal(nodes).startswith(f"reached: /ekf: {text}")
 
 
+def test_a_single_fix_that_was_dropped_is_named_as_long_as_nothing_arrives(nodes):
+    nodes.add(EkfNode)
+    fixes, text = nodes.peer.publisher(PoseWithCovarianceStamped, "global_pose"), "wrong frame_id: 'odom', not 'map'"
+    nodes.peer.wait_for_subscribers(fixes)
+    fix = PoseWithCovarianceStamped()
+    fix.header.frame_id = "odom"
+    fixes.publish(fix)
+    text = f"nothing arrives on /global_pose, and its newest message was dropped: {text}"
+    states = nodes.ekf_states
+    nodes.peer.spin_until(lambda: states and text in graph.values(states[-1]).get("reason", ""), what="the reason")
+
+
 def test_wrong_remappings_of_inputs_name_the_existing_topics(nodes):
     nodes.add(EkfNode, arguments=["-r", "odom:=/base/odom", "-r", "global_pose:=/robot1/global_pose"])
     with graph.peer(name="driver") as driver:
