@@ -113,7 +113,6 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self._robot_frame = robot_frame(config)
         self.outputs = ControllerPublishers(self)
         self.goals = GoalServer(self)
-        self._actions = serve(self.actions, self)
         self._switch: bool | None = None
         self._has_power = False
         """newest state of the contact switch, None before the first message; True if a charger supplies the robot"""
@@ -126,6 +125,8 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self.publisher_watch.watch(self._pose_topic, "estimate the pose")
         self._tick_timer = self.create_timer(self._tick_period(), self._on_tick, clock=self.steady_clock)
         self.create_timer(_STATUS_PERIOD, self._on_status_tick, clock=self.steady_clock)
+        # Last, because only cleanup() destroys the servers.
+        self._actions = serve(self.actions, self)
 
     def activate(self) -> None:
         """Start without a goal."""

@@ -12,6 +12,7 @@ from lifecycle_msgs.msg import State, Transition, TransitionEvent
 from lifecycle_msgs.srv import ChangeState, GetAvailableStates, GetState
 from robot import DEEP, pose_stamped, twist
 
+from diffbot_control import controller_node
 from diffbot_control.controller_node import ControllerNode
 from diffbot_control.ekf_node import EkfNode
 from diffbot_control.robot_node import RobotControllerNode
@@ -145,7 +146,9 @@ def test_the_navigator_starts_both_nodes_and_shuts_them_down(nodes):
     navigator.close()
 
 
-def test_a_node_that_cannot_be_configured_stays_unconfigured_and_reports_why(nodes, capfd):
+def test_a_node_that_cannot_be_configured_stays_unconfigured_and_reports_why(nodes, capfd, monkeypatch):
+    served = []
+    monkeypatch.setattr(controller_node, "serve", lambda *_: served.append("action"))
     manager = Manager(nodes, {"map_frame": "world"})
     manager.change("ekf", *CONFIGURE)
     assert not manager.request("controller", Transition.TRANSITION_CONFIGURE)
@@ -154,6 +157,7 @@ def test_a_node_that_cannot_be_configured_stays_unconfigured_and_reports_why(nod
     assert text in "".join(capfd.readouterr())
     node = nodes.peer.node
     nodes.peer.spin_until(lambda: not node.get_publishers_info_by_topic("/cmd_vel"), what="no publisher")
+    assert not served
 
 
 @pytest.mark.parametrize("kind", [ControllerNode, EkfNode])
