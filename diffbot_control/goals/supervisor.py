@@ -267,7 +267,7 @@ class Supervisor:
     def on_stop(self, reason: str) -> None:
         """End the current goal as cancelled, because the node stops; the node itself sends zero."""
         self._follow(GoalEvent.STOP, reason)
-        self.reason, self.has_failed = "", False
+        self.reason, self.problem, self.has_failed = "", "", False
 
     def give_up(self, reason: str) -> None:
         """End the current goal as not reached."""

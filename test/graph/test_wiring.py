@@ -105,7 +105,7 @@ def test_the_type_is_kept_and_the_remedy_is_named_if_another_node_of_the_process
 
 
 def test_a_goal_without_base_and_filter_names_both_and_the_topic_that_a_base_receives(nodes):
-    nodes.add(ControllerNode, IMPATIENT)
+    controller = nodes.add(ControllerNode, IMPATIENT)
     with base(TwistStamped, topic="diff_drive_controller/cmd_vel"):
         send_goal(nodes, 1.0, 0.0, 0.0)
         assert end_of_goal(nodes) == (
@@ -114,6 +114,11 @@ def test_a_goal_without_base_and_filter_names_both_and_the_topic_that_a_base_rec
             "no base subscribes to /cmd_vel: start the driver of the base, or remap cmd_vel to "
             "/diff_drive_controller/cmd_vel"
         )
+    send_goal(nodes, 2.0, 0.0, 0.0)
+    wait_for_problem(nodes, "no base subscribes to /cmd_vel")
+    controller.trigger_deactivate()
+    nodes.peer.spin_until(lambda: nodes.states[-1].message == "inactive", what="the state")
+    assert "problem" not in graph.values(nodes.states[-1])
 
 
 def test_a_goal_that_loses_its_pose_names_what_the_filter_reports(nodes):
