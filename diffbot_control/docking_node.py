@@ -115,7 +115,8 @@ class DockControllerNode(RobotControllerNode):
             # If the new goal has already ended, a goal in map may be newer.
             if self.supervisor.goals.present is not None and self._cancel_in_map.service_is_ready():
                 self._cancel_in_map.call_async(Trigger.Request())
-            self._restart_filter_if_lost()
+            if self._ekf.is_configured:
+                self._restart_filter_if_lost()
         elif (
             self._has_goal_in_map()
             and self.supervisor.goal is not None

@@ -120,6 +120,15 @@ def test_a_goal_in_map_cancels_a_docking_only_if_it_is_newer(nodes, monkeypatch)
     assert dock.supervisor.goals.ended[0].end == CANCELLED
 
 
+def test_a_docking_begins_before_its_filter_is_configured(nodes):
+    ekf = nodes.add(docking_node.DockEkfNode, {"autostart": False}, docking_node.remappings(docking_node.EKF))
+    arguments = docking_node.remappings(docking_node.CONTROLLER)
+    dock = nodes.add(partial(docking_node.DockControllerNode, ekf), arguments=arguments)
+    dock.supervisor.on_goal(Pose(0.0, 0.0, 0.0))
+    dock._check_goals()
+    assert dock.supervisor.goals.present is not None
+
+
 def test_the_written_file_drives_along_a_path_within_its_limits(tmp_path, capfd):
     (tmp_path / "my_robot.yaml").write_text(file_of_robot(RobotDescription(use_gyro=True), "my_robot.yaml"))
     goal = (0.6, 0.2, 0.5)
