@@ -229,10 +229,11 @@ def _find_files(bag: Path) -> tuple[list[Path], list[str], BagMetadata | None]:
     found = sorted((path.name for path in bag.glob("*.mcap")), key=lambda name: (len(name), name))
     named = [file.name for file in stored.files] if stored else []
     paths = {name: path_inside(bag, name) for name in [*named, *found]}
-    files = [path for path in paths.values() if path.exists()]
+    # Path.exists raises an error for a name that is too long.
+    files = {name: path for name, path in paths.items() if os.path.exists(path)}
     if not files:
         raise DiffbotError(f"no bag in {shown(bag)}: it does not contain an MCAP file")
-    return files, [name for name, path in paths.items() if not path.exists()], stored
+    return [*files.values()], [name for name in paths if name not in files], stored
 
 
 class _Copy:

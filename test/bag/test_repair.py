@@ -137,6 +137,14 @@ def test_lost_names_of_topics_are_taken_from_metadata_yaml(tmp_path):
     assert sorted(repaired.unknown) == ["/unknown/channel_1", "/unknown/channel_2"]
 
 
+def test_files_that_metadata_yaml_names_and_that_are_missing_are_listed(tmp_path):
+    damaged_own_bag(tmp_path / "run")
+    text = (tmp_path / "run" / "metadata.yaml").read_text()
+    (tmp_path / "run" / "metadata.yaml").write_text(text.replace("run_1.mcap", "a" * 300))
+    (tmp_path / "run" / "run_1.mcap").unlink()
+    assert repair_bag(tmp_path / "run", tmp_path / "fixed").missing == ["a" * 300]
+
+
 def test_growing_missing_and_foreign_files_are_refused(tmp_path):
     source = tmp_path / "run.mcap"
     write(source)
