@@ -30,7 +30,8 @@ print(f"{run.messages} messages, {len(truth['t'])} true poses, {truth['t'][-1]:.
 print(f"error of the estimate: median {np.median(error):.3f} m, largest {np.max(error):.3f} m")
 
 figure, (path, errors) = plt.subplots(1, 2, figsize=(10.0, 4.0), layout="constrained")
-path.plot(curves["fixes"]["x"], curves["fixes"]["y"], ".", color="grey", markersize=2, label="fixes")
+if "fixes" in curves:
+    path.plot(curves["fixes"]["x"], curves["fixes"]["y"], ".", color="grey", markersize=2, label="fixes")
 for name in ("truth", "estimate"):
     path.plot(curves[name]["x"], curves[name]["y"], label=name)
 path.set(xlabel="x [m]", ylabel="y [m]")

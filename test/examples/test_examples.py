@@ -9,6 +9,7 @@ from pathlib import Path
 import nbformat
 import numpy as np
 import pytest
+import view_bags
 from bag_makers import read
 from matplotlib import pyplot
 from robot import stamp
@@ -78,6 +79,12 @@ def test_the_goal_is_reached_and_the_bag_of_the_drive_is_plotted(tmp_path, run):
     errors = np.abs(places - np.interp(stamps, times, list(truth.values())))[used]
     assert printed[-2:] == pytest.approx([np.median(errors), max(errors)], abs=1e-3)
     assert (tmp_path / "plot_bag.png").is_file()
+
+
+def test_a_bag_without_fixes_is_plotted(tmp_path, run):
+    rows = [row for row in view_bags.drive(steps=20) if row[0] != "/global_pose"]
+    run(EXAMPLES / "plot_bag.py", view_bags.write(tmp_path / "drive", rows), "drive.png")
+    assert (tmp_path / "drive.png").is_file()
 
 
 def test_the_how_to_shows_the_law_of_the_example():
