@@ -189,14 +189,15 @@ def _draw_distributions(campaign: Campaign, statistics: list[CellStatistics], pa
 
 def table(campaign: Campaign, statistics: list[CellStatistics]) -> str:
     """Return a table of the first 40 cells for a terminal."""
-    names = list(campaign.description["grid"])
-    head = "".join(f"{name[-14:]:>16}" for name in names)
+    grid = campaign.description["grid"]
+    widths = {name: max(16, *(len(str(cell)) + 2 for cell in (name, *values))) for name, values in grid.items()}
+    head = "".join(f"{name:>{width}}" for name, width in widths.items())
     head += f"{'runs':>10}{'success':>9}{'[95 %]':>16}{'settle q50':>12}{'q95 [s]':>9}"
     head += f"{'pos q95 [m]':>13}{'switches q99':>14}"
     lines = [campaign.heading, head, "-" * len(head)]
     for cell, one in list(zip(campaign.cells, statistics, strict=True))[:40]:
         figures = one.summary()
-        line = "".join(f"{cell.values[name]!s:>16}" for name in names)
+        line = "".join(f"{cell.values[name]!s:>{width}}" for name, width in widths.items())
         interval = f"{figures['success_low']:.4f}-{figures['success_high']:.4f}"
         line += f"{one.runs:>10}{figures['success_rate']:>9.4f}{interval:>16}"
         for metric, width in (("settling_time_q50", 12), ("settling_time_q95", 9), ("position_error_q95", 13)):

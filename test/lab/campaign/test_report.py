@@ -12,7 +12,7 @@ from diffbot_control.law.registry import resolve_law
 from diffbot_lab.campaign.report import table, write_report
 from diffbot_lab.campaign.spec import code_version, make_campaign
 from diffbot_lab.campaign.statistics import CellStatistics, count_outcomes
-from diffbot_sim.batch import run_batch
+from diffbot_sim.batch import COLUMNS, run_batch
 
 BASE = {"runs": 5, "duration": 15.0, "feedback": "raw", "start": {"box": {"x": [-2.0, 2.0], "y": [-2.0, 2.0]}}}
 BASE["set"] = {"preset": "paper"}
@@ -61,6 +61,18 @@ def test_the_heat_map_shows_each_cell_in_its_place(grid, tmp_path, monkeypatch):
         assert down == (("eps_P", GRID["eps_P"]) if "eps_P" in grid else ("", [""]))
         expected = [one.summary()[metric] for one in statistics]
         assert values.T.ravel() == pytest.approx([np.nan if one is None else one for one in expected], nan_ok=True)
+
+
+def test_the_table_shows_whole_names_and_values_in_columns():
+    grid = {"filter": ["ekf", "ekf_fnn_calibrating"], "command_latency": [0.0, 0.3]}
+    one = CellStatistics()
+    one.add(count_outcomes(np.zeros((1, len(COLUMNS)))))
+    _, head, line, *rows = table(make_campaign({"grid": grid}), [one] * 4).splitlines()
+    assert head.split()[:2] == list(grid)
+    assert [tuple(row.split()[:2]) for row in rows] == [
+        (name, f"{value}") for name, value in itertools.product(*grid.values())
+    ]
+    assert {len(row) for row in rows} == {len(head)} == {len(line)}
 
 
 def test_a_large_grid_without_settled_runs_is_drawn(tmp_path):
