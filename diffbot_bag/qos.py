@@ -7,14 +7,13 @@ compatible with all offers. The replay publishes with one profile that replaces 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import yaml
 
 from diffbot_bag.topic_selection import absolute
 from diffbot_core.errors import DiffbotError, InvalidValueError, shown
-from diffbot_core.files import read_text
+from diffbot_core.files import expanded, read_text
 from diffbot_core.yaml_files import load_yaml
 
 INFINITE = 2**63 - 1
@@ -169,7 +168,7 @@ def read_overrides(path: str, namespace: str = "/") -> dict[str, Qos]:
     """
     if not path:
         return {}
-    file = Path(path)
+    file = expanded(path)
     content = load_yaml(read_text(file, MAX_FILE_SIZE), f"qos_profile_overrides_path = {shown(file)}")
     if not isinstance(content, Mapping) or not all(isinstance(topic, str) for topic in content):
         raise DiffbotError(f"{shown(file)}: must be a map of topic names to QoS policies")

@@ -71,13 +71,14 @@ def test_the_offer_of_a_replay_replaces_all_recorded_publishers(recorded, offer)
     assert to_offer(recorded) == offer
 
 
-def test_overrides_have_the_format_of_rosbag2(tmp_path):
+def test_overrides_have_the_format_of_rosbag2(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
     content = """
 /a: {reliability: best_effort, durability: volatile, history: keep_all}
 b: {reliability: reliable, depth: 5, deadline: {sec: 1, nsec: 500000000}}
 """
     (tmp_path / "qos.yaml").write_text(content)
-    assert read_overrides(str(tmp_path / "qos.yaml"), "/robot") == {
+    assert read_overrides("~/qos.yaml", "/robot") == {
         "/a": Qos("keep_all", 10_000, "best_effort", "volatile"),
         "/robot/b": Qos("keep_last", 5, "reliable", "volatile", deadline=1_500_000_000),
     }
