@@ -34,7 +34,6 @@ CHUNK_SIZE = 512 * 1024
 """[bytes] size of a chunk before compression; messages that are not in a chunk yet are lost if the process dies"""
 MAX_BACKLOG = 100 * 2**20
 """[bytes] largest amount of messages that wait for the disk"""
-COMPRESSIONS = tuple(kind.name.lower() for kind in CompressionType)
 _OVERHEAD = 31
 """[bytes] size of a message in a chunk without its data"""
 
@@ -64,7 +63,7 @@ class BagWriter:
         Args:
             folder: folder of the bag; it must not exist.
             chunk_size: [bytes] size of a chunk before compression.
-            compression: one of COMPRESSIONS.
+            compression: zstd, lz4 or none.
             limits: limits of each file; None: no limits.
             max_backlog: [bytes] If more messages wait for the disk, :meth:`write` waits.
 
