@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from diffbot_core.errors import InvalidValueError
+from diffbot_core.files import file_path
 from diffbot_tools.arguments import MAX_SEED, number_between, once, setting, whole
 
 _BOUNDS = {
@@ -102,6 +103,7 @@ def _certify(options: argparse.Namespace) -> int:
     from diffbot_lab.stability.certificates import certify_and_save, certify_robot  # noqa: PLC0415
     from diffbot_lab.stability.plan import Contract, Plan  # noqa: PLC0415
 
+    file_path("--out", str(options.out))  # a folder is refused now, not after minutes
     bounds, cells = _given(options, _BOUNDS), _given(options, _PLAN_OPTIONS)
     if options.robot is not None:
         for name in ("set", "rho_max", "period"):

@@ -54,6 +54,7 @@ def test_a_certificate_is_made_verified_and_attacked(tmp_path, capsys, monkeypat
     [
         (["certify", "--period", "0"], 2, "argument --period: 0: must be from"),
         (["certify", "--set", "drive_noise=0.1"], 1, "drive_noise = 0.1"),
+        (["certify", *SMALL, "--out", "."], 1, "--out = '.': must be the path of a file"),
         (["certify", "--sigma-slope", "0.5"], 1, "position_slope + 3 * sigma_slope = 1.5: must be below 1"),
         (["certify", "--since", "5"], 1, "--since = 5.0: must be left out without --robot"),
         (["certify", "--robot", "turtlebot4", "--rho-max", "5"], 1, "--rho-max = 5.0: must be left out with --robot"),
