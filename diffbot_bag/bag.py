@@ -139,7 +139,7 @@ class BagReader:
 
     @property
     def custom_data(self) -> Mapping[str, str]:
-        """Notes of the recorder in metadata.yaml, such as the number of lost messages, if the bag is complete."""
+        """Notes of the recorder in metadata.yaml; without the numbers of lost messages if the bag is unfinished."""
         notes = self.metadata.custom_data if self.metadata else {}
         return without_losses(notes) if self.warning else notes
 
