@@ -35,6 +35,8 @@ MIN_FREE_SPACE = 64 * 1024**2
 """[bytes] Recording ends if the disk has less free space."""
 QUIET = 0.05
 """[s] At the end, the recorder stops waiting for queued messages after this time without a message."""
+MAX_WAIT = 1.0
+"""[s] longest wait for queued messages: if the clock of a publisher is behind, all its messages seem to be older"""
 
 
 class HeldMessage(NamedTuple):
@@ -332,8 +334,10 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         """Record messages that were sent before now and are queued or still in transit."""
         now = time.time_ns()
         unfinished = dict(self._topics)
-        last_reception = time.monotonic()
-        while unfinished and not self._writer.closed and time.monotonic() - last_reception < QUIET:
+        last_reception = began = time.monotonic()
+        while (
+            unfinished and not self._writer.closed and time.monotonic() < min(last_reception + QUIET, began + MAX_WAIT)
+        ):
             for name, topic in list(unfinished.items()):
                 while name in unfinished and (sent := topic.take_queued()) is not None:
                     last_reception = time.monotonic()

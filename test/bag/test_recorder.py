@@ -1,5 +1,9 @@
 """The recorder: published messages are in the bag, byte by byte and in order, and lost messages are counted."""
 
+import itertools
+import time
+from types import SimpleNamespace
+
 import bag_makers
 import graph
 import one_process
@@ -238,6 +242,19 @@ def test_parameters_of_nodes_are_attached_while_recording_and_secrets_are_hidden
     assert {name: found["/asked"][name] for name in values} == values
     assert found["/recorder"]["uri"] == str(tmp_path / "run")
     assert "/a_silent_one" not in found
+
+
+def test_a_publisher_whose_clock_is_behind_does_not_delay_the_end():
+    begin, queue = time.monotonic(), itertools.cycle([1, None])
+
+    def take_queued():
+        assert time.monotonic() < begin + 5.0, "the recorder does not end"
+        return next(queue)
+
+    node = SimpleNamespace(
+        _topics={"/data": SimpleNamespace(take_queued=take_queued)}, _writer=SimpleNamespace(closed=False)
+    )
+    RecorderNode._record_queued(node)
 
 
 def test_low_disk_space_ends_the_recording_with_a_finished_bag(nodes, tmp_path, monkeypatch):
