@@ -321,10 +321,14 @@ class MergedBags:
         self.paths = tuple(expanded(path) for path in paths)
         self.readers: list[BagReader] = []
         self.topics: dict[str, Topic] = {}
+        known_files: set[Path] = set()
         for path in self.paths:
             reader = BagReader(path)
-            if any(other.path.samefile(path) for other in self.readers):
+            # A file may be given by itself and with its folder.
+            files = {file.resolve() for file in reader.files}
+            if not files.isdisjoint(known_files):
                 raise InvalidValueError("bags", str(path), sentence="this bag is given twice")
+            known_files |= files
             self.readers.append(reader)
             for topic in reader.topics.values():
                 known = self.topics.get(topic.name)

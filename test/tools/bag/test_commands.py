@@ -79,6 +79,7 @@ def test_an_invalid_cut_is_refused_and_nothing_is_written(bag, tmp_path, run):
         ("/scan is not in the bag", ("filter", bag, "part", "--topics", "/scan")),
         ("regex", ("filter", bag, "part", "--regex", "(")),
         ("this bag is given twice", ("merge", bag, bag, "part")),
+        ("this bag is given twice", ("merge", bag.parent, bag, "part")),
         ("File name too long", ("merge", bag, "a" * 300, "part")),
         ("the home folder of this user is unknown", ("trim", "~nobody-of-this-name/run", "part", "--last", "1s")),
     ):
