@@ -63,13 +63,17 @@ class RecordedTopic:
         self._subscription = self._node.create_subscription(kind, self.name, adapted, qos, raw=True)
 
     def take_queued(self) -> int | None:
-        """Receive one message from the queue of the subscription; return its source timestamp [ns], or None."""
+        """Receive one message from the queue; return the time [ns] of its sending or reception, or None without one.
+
+        The earlier time is returned. If the clock of the publisher is ahead, this is the time of the reception.
+        """
         with self._subscription.handle:
             taken = self._subscription.handle.take_message(self._subscription.msg_type, True)
         if taken is None:
             return None
         self._receive(*taken)
-        return int(taken[1]["source_timestamp"])
+        sent, received = (int(taken[1][f"{name}_timestamp"] or 0) for name in ("source", "received"))
+        return min(sent, received or sent)
 
     def check_publishers(self) -> bool:
         """Subscribe again if a publisher offers a weaker QoS; log publishers that are not recorded.

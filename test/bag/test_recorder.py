@@ -3,6 +3,7 @@
 import itertools
 import time
 from types import SimpleNamespace
+from unittest import mock
 
 import bag_makers
 import graph
@@ -18,6 +19,7 @@ from std_srvs.srv import Trigger
 
 from diffbot_bag import metadata, node_parameters, recorder_node
 from diffbot_bag.bag import BagReader
+from diffbot_bag.qos import Qos
 from diffbot_bag.recorded_topic import RecordedTopic
 from diffbot_bag.recorder_node import RecorderNode
 from diffbot_bag.writer import BagWriteError
@@ -255,6 +257,15 @@ def test_a_publisher_whose_clock_is_behind_does_not_delay_the_end():
         _topics={"/data": SimpleNamespace(take_queued=take_queued)}, _writer=SimpleNamespace(closed=False)
     )
     RecorderNode._record_queued(node)
+
+
+@pytest.mark.parametrize(("sent", "received", "time"), [(5, 3, 3), (3, 5, 3), (5, 0, 5)])
+def test_a_queued_message_of_a_publisher_whose_clock_is_ahead_has_its_time_of_reception(sent, received, time):
+    taken = b"", {"source_timestamp": sent, "received_timestamp": received}
+    topic = RecordedTopic(None, "/data", "std_msgs/msg/String", 1, Qos(), fixed=False)
+    topic._subscription = mock.MagicMock()
+    topic._subscription.handle.take_message.return_value = taken
+    assert topic.take_queued() == time
 
 
 def test_low_disk_space_ends_the_recording_with_a_finished_bag(nodes, tmp_path, monkeypatch):
