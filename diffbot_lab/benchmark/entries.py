@@ -161,9 +161,10 @@ def read_tuning(path: Path) -> dict[str, Any]:
         content: dict[str, Any] = json.loads(path.read_text())
     except OSError as error:
         raise DiffbotError(f"cannot read {path}: {error.strerror}") from None
-    except ValueError:
+    except (ValueError, RecursionError):
         raise DiffbotError(f"{path} is not JSON") from None
-    if not isinstance(content, dict) or not isinstance(content.get("laws"), dict):
+    laws = content.get("laws") if isinstance(content, dict) else None
+    if not isinstance(laws, dict) or not all(isinstance(one, dict) and "values" in one for one in laws.values()):
         raise DiffbotError(f"{path} is not a result of diffbot benchmark tune")
     return content
 
@@ -174,7 +175,7 @@ def tuned_values(tuning: dict[str, Any], entry: BenchmarkLaw) -> dict[str, Any]:
     Raises:
         InvalidValueError: for a parameter that is not tuned for this law.
     """
-    values = tuning["laws"].get(entry.name, {}).get("values", {})
+    values = tuning["laws"].get(entry.name, {"values": {}})["values"]
     for name in values:
         if name not in entry.space:
             raise InvalidValueError(f"tuning of {entry.name}", name, "one of " + (", ".join(entry.space) or "none"))

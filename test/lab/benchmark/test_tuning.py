@@ -81,7 +81,7 @@ def test_tuned_values_are_read_and_checked(tmp_path):
     assert all(tuned_values(kept, one) for one in TUNED)
     with pytest.raises(InvalidValueError, match="tuning of graceful = 'gain'"):
         tuned_values({"laws": {"graceful": {"values": {"gain": 2.0}}}}, graceful)
-    for text in ("{", "[]", "{}"):
+    for text in ("{", "[]", "{}", '{"laws": {"graceful": 5}}'):
         path.write_text(text)
         with pytest.raises(DiffbotError, match=r"tuning\.json is not"):
             read_tuning(path)
