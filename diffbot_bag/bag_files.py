@@ -153,7 +153,8 @@ class BagFiles:
                 self._first_time = rows[0][1]
                 self._span = self._first_time, self._first_time
                 # Repeat latched messages with the time of the first message: earlier times would lengthen the file.
-                repeated = [row for latched in self.latched.values() for row in latched.rows]
+                # Copy the values at once: the calling thread may add a topic meanwhile.
+                repeated = [row for latched in list(self.latched.values()) for row in latched.rows]
                 self._append([(row[0], self._first_time, *row[2:]) for row in repeated])
             count = len(rows)
             if self._limits.max_duration:

@@ -25,6 +25,7 @@ from bag_makers import (
     write_mcap,
 )
 from mcap.reader import make_reader
+from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability
@@ -32,7 +33,7 @@ from view_bags import command
 
 from diffbot_bag import metadata
 from diffbot_bag.bag import PARAMETERS, BagReader, MergedBags
-from diffbot_bag.bag_files import FileLimits, add_messages
+from diffbot_bag.bag_files import BagFiles, FileLimits, LatchedRows, add_messages
 from diffbot_bag.definitions import type_hash
 from diffbot_bag.qos import Qos
 from diffbot_bag.writer import BagWriteError, BagWriter, new_bag
@@ -328,6 +329,26 @@ def test_each_file_after_a_split_begins_with_the_latched_messages_and_attachment
         with BagReader(file) as reader:
             assert (reader.attachment("a.json"), reader.attachment("b.json")) == (content, None)
             assert set(reader.topics) == {"/data", "/map"}
+
+
+def test_a_latched_topic_may_be_added_while_a_file_begins(tmp_path):
+    """The worker thread begins the file, and the calling thread adds the topic."""
+    files = BagFiles(tmp_path, CompressionType.NONE, FileLimits(), dict)
+
+    class Adding(LatchedRows):
+        @property
+        def rows(self):
+            files.latched[2] = LatchedRows(1)
+            return []
+
+        @rows.setter
+        def rows(self, _rows):
+            pass
+
+    files.latched[1] = Adding(1)
+    files.write([(3, BEGIN, point(1), BEGIN, 1)])
+    files.end()
+    assert metadata.read(tmp_path).message_count == 1
 
 
 def trickle(folder, **limits):
