@@ -67,10 +67,10 @@ def cut(
 
 def _join_custom_data(all_data: Sequence[Mapping[str, str]]) -> dict[str, str]:
     """Join the custom data of several bags: numbers of lost messages are added, other values are listed."""
-    lost = Counter[str]()
-    for losses in map(losses_of, all_data):
-        lost.update(losses)
-    joined = {name: str(count) for name, count in lost.items()} if all(LOST in data for data in all_data) else {}
+    lost, losses = Counter[str](), [losses_of(data) for data in all_data]
+    for one in losses:
+        lost.update(one)
+    joined = {name: str(count) for name, count in lost.items()} if all(LOST in one for one in losses) else {}
     others = [without_losses(data) for data in all_data]
     for name in dict.fromkeys(name for data in others for name in data):
         joined[name] = ", ".join(dict.fromkeys(data[name] for data in others if name in data))
