@@ -128,10 +128,9 @@ class BagWriter:
             self.closed = True
             self._worker.shutdown()
             self._files.abandon()
-        if not isinstance(error, OSError):
-            raise error
+        reason = getattr(error, "strerror", None) or f"{type(error).__name__} {error}".rstrip()
         raise BagWriteError(
-            f"cannot write {self.path}: {error.strerror}; the bag ends after about {self.count} messages"
+            f"cannot write {self.path}: {reason}; the bag ends after about {self.count} messages"
             " (it does not have an index: `diffbot bag repair` adds one)"
         ) from error
 

@@ -456,6 +456,20 @@ def test_a_disk_error_closes_the_bag_and_keeps_flushed_messages(tmp_path, monkey
         assert [one.log_time for one in reader.messages()][:2] == [5, 6]
 
 
+def test_any_error_of_the_worker_thread_is_a_write_error(tmp_path, monkeypatch):
+    """Otherwise the recorder would not notice that its bag is closed."""
+    writer = BagWriter(tmp_path / "run")
+
+    def fail(_rows):
+        raise MemoryError
+
+    monkeypatch.setattr(writer._files, "write", fail)
+    writer.write(writer.add_topic("/text", STRING), string("a"), 5, 5)
+    with pytest.raises(BagWriteError, match=r"cannot write .*run_0.mcap: MemoryError; the bag ends"):
+        writer.close()
+    assert writer.closed
+
+
 def test_an_invalid_folder_is_refused_and_nothing_is_created(tmp_path):
     (tmp_path / "run").mkdir()
     (tmp_path / "file").write_text("")
