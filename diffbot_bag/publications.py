@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
 from collections.abc import Callable, Collection, Mapping
@@ -14,6 +15,7 @@ from rclpy.node import Node
 
 from diffbot_bag.bag import CDR, RawMessage
 from diffbot_bag.conversions import message_class, to_ros
+from diffbot_bag.definitions import DefinitionNotFoundError, type_hash
 from diffbot_bag.metadata import Topic
 from diffbot_bag.qos import Qos, to_offer
 from diffbot_core.errors import DiffbotError, shown
@@ -69,6 +71,10 @@ class Publications:
         self._publishers[topic.name] = self._node.create_publisher(kind, topic.name, to_ros(offer))
         if offer.is_latched:
             self.latched.add(topic.name)
+        with contextlib.suppress(DefinitionNotFoundError):
+            if topic.type_hash and topic.type_hash != type_hash(topic.type):
+                reason = f"{topic.type} was recorded with another definition than the installed one"
+                self._warn(f"{topic.name}: subscribers may receive wrong values: {reason}")
 
     def _warn(self, text: str) -> None:
         self._node.get_logger().warning(shown(" ".join(text.split())))

@@ -6,6 +6,7 @@ import pty
 import re
 import termios
 from types import SimpleNamespace
+from unittest import mock
 
 import bag_makers
 import graph
@@ -20,7 +21,10 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 
 from diffbot_bag.bag import BagReader
+from diffbot_bag.definitions import type_hash
+from diffbot_bag.metadata import Topic
 from diffbot_bag.player import Player
+from diffbot_bag.publications import Publications
 from diffbot_bag.qos import Qos
 from diffbot_core.errors import DiffbotError
 
@@ -208,6 +212,14 @@ def test_parameters_and_services_seek_step_and_change_the_rate(nodes, mapped_bag
         assert replay.set(rate=1000.0) == ""
         assert replay.wait_for_end() == 0
     assert (replay.of("/a"), replay.of("/map")) == (A, MAP)
+
+
+def test_a_type_that_was_recorded_with_another_definition_is_logged():
+    node = mock.MagicMock()
+    hashes = {"/old": "RIHS01_00", "/same": type_hash(POINT), "/unknown": ""}
+    Publications(node, {name: Topic(name, POINT, one) for name, one in hashes.items()}, {})
+    (warning,) = node.get_logger().warning.call_args_list
+    assert warning.args[0].startswith("/old: subscribers may receive wrong values")
 
 
 def test_services_of_rosbag2_have_its_names_and_fields_and_work(nodes, mapped_bag, monkeypatch):
