@@ -30,6 +30,17 @@ REQUIRED = (
 )
 """Limits of a robot. By default they are the limits of the paper's robot, or infinite."""
 CONTROLLER, EKF, PLANT = "controller", "ekf", "plant"
+# In lock-step, a lost message would stop the graph, and a command must have the stamp of its step.
+_FILTER: dict[str, Any] = {"reliable_inputs": True}
+_DRIVER: dict[str, Any] = {"reliable_inputs": True, "cmd_vel_type": "twist_stamped", "publish_when_idle": True}
+LOCKSTEP: dict[str, dict[str, Any]] = {
+    EKF: _FILTER,
+    CONTROLLER: _DRIVER,
+    "dock_ekf": _FILTER,
+    "dock_controller": _DRIVER,
+    PLANT: {"cmd_vel_type": "twist_stamped"},
+}
+"""Parameters of each node that lock-step requires."""
 _BOOLEAN = ("true", "false")
 _PATHS = "parameters", "urdf", "bag"
 _MEMBERS = {"robot": ("ekf", "controller"), "docking": ("dock_ekf", "dock_controller")}
@@ -161,13 +172,11 @@ def plan(values: Mapping[str, Any], share: Path, *, simulate: bool) -> list[Node
 
 def _parameters(values: Mapping[str, Any], *, simulate: bool) -> dict[str, dict[str, Any]]:
     """Return the parameters of each process of this package, in the order of starting."""
-    is_lockstep = values.get("clock") == "lockstep"
-    # In lock-step, a lost message would stop the graph, and a command must have the stamp of its step.
-    reliable = {"reliable_inputs": True} if is_lockstep else {}
-    stamped = {"cmd_vel_type": "twist_stamped"} if is_lockstep else _given(values, "cmd_vel_type")
-    idle = {"publish_when_idle": True} if is_lockstep else {}
-    common = _given(values, "frame_prefix", "autostart") | reliable
-    controller = {**_given(values, "preset"), **common, **stamped, **idle}
+    lockstep, common = dict[str, dict[str, Any]](), _given(values, "frame_prefix", "autostart")
+    if values.get("clock") == "lockstep":
+        lockstep = lockstep_parameters((EKF, CONTROLLER, PLANT, *(_MEMBERS["docking"] if values["docking"] else ())))
+    typed = _given(values, "cmd_vel_type")
+    controller = {**_given(values, "preset"), **common, **lockstep.get(CONTROLLER, {}), **typed}
     found: dict[str, dict[str, Any]] = {}
     if "bag" in values:
         found["recorder"] = {"uri": values["bag"]}
@@ -175,16 +184,28 @@ def _parameters(values: Mapping[str, Any], *, simulate: bool) -> dict[str, dict[
         found["robot"] = controller
     else:
         if values["localization"]:
-            found["ekf"] = common
+            found["ekf"] = {**common, **lockstep.get(EKF, {})}
         found["controller"] = controller
     if simulate:
         start = {f"initial_pose.{name}": values[name] for name in ("x", "y", "yaw") if name in values}
         plant = _given(values, "frame_prefix", "clock", "seed", "real_time_factor")
         # The plant publishes the time that the other nodes use.
-        found["plant"] = {**stamped, **plant, **start, "use_sim_time": False}
+        found["plant"] = {**lockstep.get(PLANT, {}), **typed, **plant, **start, "use_sim_time": False}
     if values["docking"]:
-        found["docking"] = {**common, **stamped}
+        found["docking"] = {**common, **typed}
     return found
+
+
+def lockstep_parameters(nodes: Collection[str]) -> dict[str, dict[str, Any]]:
+    """Return the parameters that lock-step requires, by the names of the ``nodes``.
+
+    Raises:
+        InvalidValueError: if two of the nodes publish cmd_vel: the plant would use the command that arrives first.
+    """
+    if {CONTROLLER, "dock_controller"}.issubset(nodes):
+        text = "in lock-step only one node may publish cmd_vel, not both controller and dock_controller"
+        raise InvalidValueError("clock", "lockstep", sentence=text)
+    return {node: LOCKSTEP[node] for node in nodes if node in LOCKSTEP}
 
 
 def _is_for(sections: Sequence[Section], process: str) -> bool:

@@ -22,6 +22,7 @@ from diffbot_control.law.registry import PRESETS, TUNED
 from diffbot_core.errors import DiffbotError
 from diffbot_core.files import is_bag_folder, output_folder, write_json
 from diffbot_core.geometry import Pose
+from diffbot_tools.bringup import LOCKSTEP
 from diffbot_tools.plotting import BLUE, GREEN, GREY, ORANGE, RED, new_figure, save
 from diffbot_tools.processes import NodeProcesses, PrivateDomain, graph_environment
 from diffbot_tools.view.bag_source import BagRobot, BagRun, read_bag
@@ -173,10 +174,10 @@ def _start_nodes(options: DemoOptions, folder: Path, nodes: NodeProcesses) -> No
     common = {"reliable_inputs": is_lockstep, **time_source, **depths}
     uri = str((folder / "bag").resolve())
     nodes.start("recorder", "diffbot_bag.recorder_node", {"uri": uri, "topics": list(RECORDED_TOPICS), **time_source})
-    plant = {"clock": options.clock, "seed": options.seed, "start_paused": True, "cmd_vel_type": "twist_stamped"}
+    plant = {"clock": options.clock, "seed": options.seed, "start_paused": True, **LOCKSTEP["plant"]}
     nodes.start("plant", "diffbot_sim.plant_node", {**plant, **depths})
     nodes.start("ekf", "diffbot_control.ekf_node", common)
-    controller = {"publish_when_idle": True, "preset": options.preset, "cmd_vel_type": "twist_stamped"}
+    controller = {**LOCKSTEP["controller"], "preset": options.preset}
     nodes.start("controller", "diffbot_control.controller_node", {**controller, **common})
     if options.watch:
         page = {"port": 0, "open_browser": True, "record_folder": str((folder / "recorded").resolve())}

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.launcher import end_on_signals
+from diffbot_tools.arguments import ros_parameters
 
 
 class Entry(NamedTuple):
@@ -31,13 +32,6 @@ NODES = {
     "recorder": Entry("diffbot_bag.recorder_node", "RecorderNode"),
 }
 """Nodes in the order in which they start and stop in one process: the recorder closes its bag last."""
-
-_LOCKSTEP = {
-    "cmd_vel_type:=twist_stamped": {"controller", "dock_controller", "plant"},
-    "publish_when_idle:=true": {"controller", "dock_controller"},
-    "reliable_inputs:=true": {"ekf", "controller", "dock_ekf", "dock_controller"},
-}
-"""Parameters that lock-step requires, and the nodes that have each parameter."""
 
 
 def add_run(commands: Any) -> None:
@@ -79,14 +73,14 @@ def run_nodes(names: list[str], ros_args: list[str]) -> int:
             raise InvalidValueError(
                 "--with", " ".join(names[1:]), sentence=f"each node may appear only once; {member} appears twice"
             )
-    if any(word.endswith("clock:=lockstep") for word in ros_args):
-        # In lock-step, a lost message would stop the graph, and a command must have the stamp of its step.
-        given = [value for value, nodes in _LOCKSTEP.items() if nodes.intersection(members)]
-        ros_args = [*(word for one in given for word in ("-p", one)), *ros_args]
-    end_on_signals(0)
     # Imported by name, here and below, since the command line must start without ROS and heavy libraries.
+    bringup = "diffbot_tools.bringup"
+    if any(word.endswith("clock:=lockstep") for word in ros_args):
+        needed = importlib.import_module(bringup).lockstep_parameters(members).values()
+        ros_args = [*ros_parameters({name: value for one in needed for name, value in one.items()}), *ros_args]
+    end_on_signals(0)
     if "controller" in members:
-        importlib.import_module("diffbot_tools.bringup").check_limits(members, ros_args)
+        importlib.import_module(bringup).check_limits(members, ros_args)
     entries = [entry for name, entry in NODES.items() if name in names]
     factories = [getattr(importlib.import_module(entry.module), entry.factory) for entry in entries]
 

@@ -72,13 +72,15 @@ def test_all_nodes_follow_the_clock_of_the_plant():
 
 def test_in_lockstep_inputs_are_reliable_and_commands_are_stamped():
     follower, stamped = {**SIMULATED_TIME, "reliable_inputs": True}, {"cmd_vel_type": "twist_stamped"}
-    nodes = simulation(clock="lockstep", docking="true")
-    assert parameters(nodes[:-1]) == {
+    assert parameters(simulation(clock="lockstep")) == {
         "ekf": follower,
         "controller": {**follower, **stamped, "publish_when_idle": True},
         "plant": {**SYSTEM_TIME, **stamped, "clock": "lockstep"},
     }
-    assert (nodes[-1].executable, dict(nodes[-1].parameters)) == ("docking_node", {**follower, **stamped})
+    docking = simulation(cmd_vel_type="twist_stamped", docking="true")[-1]
+    assert (docking.executable, dict(docking.parameters)) == ("docking_node", {**SYSTEM_TIME, **stamped})
+    with pytest.raises(DiffbotError, match="only one node may publish cmd_vel"):
+        simulation(clock="lockstep", docking="true")
 
 
 def test_only_nodes_that_a_parameter_file_names_get_it(tmp_path):
