@@ -150,8 +150,9 @@ def file_of_robot(robot: RobotDescription, name: str = "my_robot.yaml") -> str:
         "max_wheel": rim_speed / robot.wheel_radius,
         "period": 1.0 / robot.odometry_rate,
         "eps_xy": math.sqrt(3.0) * robot.global_pose_sigma_xy,
-        "eps_yaw": min(math.sqrt(3.0) * robot.global_pose_sigma_yaw, math.pi),
-        "correlation": correlation,
+        # The values are rounded to six digits. They must not exceed the bounds of the plant.
+        "eps_yaw": min(math.sqrt(3.0) * robot.global_pose_sigma_yaw, 3.141592),
+        "correlation": min(correlation, 0.999),
         "gyro_rate": robot.odometry_rate if robot.use_gyro else 0.0,
         "slip_noise": robot.slip / 0.8,
         "use_gyro": str(robot.use_gyro).lower(),

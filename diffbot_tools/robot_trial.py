@@ -136,6 +136,8 @@ def trial_drives(robot: RobotConfig) -> Iterator[tuple[str, Drive]]:
 
 def wider_tolerances(robot: RobotConfig, uncertainty: Uncertainty) -> str:
     """Return a text with the smallest tried tolerances at which every trial drive reaches its goal."""
+    if math.inf in uncertainty:
+        return "the filter has no pose, since the plant sends no fixes: set fix_rate"
     given = robot.tolerance.xy_goal_tolerance, robot.tolerance.yaw_goal_tolerance
     names = "xy_goal_tolerance", "yaw_goal_tolerance"
     smallest = smallest_tolerance(robot.tolerance, uncertainty)

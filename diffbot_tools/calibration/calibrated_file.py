@@ -77,7 +77,7 @@ def calibrated_file(
             simulated, maximum = _SIMULATED.get(name, ("", 0.0))
             if simulated and _find(content, _PLANT, simulated) is not None:
                 # The errors are uniformly distributed.
-                _put(content, _PLANT, simulated, float(f"{min(math.sqrt(3.0) * value, maximum):.4g}"))
+                _put(content, _PLANT, simulated, min(float(f"{math.sqrt(3.0) * value:.4g}"), maximum))
     if latency is not None:
         _put_latency(content, latency)
     stream = io.StringIO()

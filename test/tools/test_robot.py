@@ -32,6 +32,8 @@ MOUSE = RobotDescription(
     fix_rate=25.0, fix_delay=0.03, global_pose_sigma_xy=0.002, global_pose_sigma_yaw=0.02, xy_goal_tolerance=0.02,
 )  # fmt: skip
 """Two robots unlike the presets: a heavy robot with a long latency, and a micromouse."""
+WITHOUT_HEADING = RobotDescription(global_pose_sigma_yaw=2.0, fix_rate=20.0, pose_correlation=100.0)
+"""The simulated errors are at their bounds."""
 
 
 def written(path, description=None, **values):
@@ -47,7 +49,7 @@ def written(path, description=None, **values):
     return path
 
 
-@pytest.mark.parametrize("description", [*PRESETS.values(), TANK, MOUSE])
+@pytest.mark.parametrize("description", [*PRESETS.values(), TANK, MOUSE, WITHOUT_HEADING])
 def test_a_file_describes_the_same_robot_as_its_description_and_has_no_faults(description, tmp_path):
     path = tmp_path / "robot.yaml"
     path.write_text(file_of_robot(description, path.name))
@@ -84,6 +86,13 @@ def test_missing_and_contradictory_values_are_found(changes, kind, text, tmp_pat
     robot = read_robot(written(tmp_path / "robot.yaml", **changes))
     (found,) = [(one, text in said) for one in (check.missing, check.contradictions) for said in one(robot)]
     assert found == (kind, True)
+
+
+def test_the_check_of_a_robot_without_a_pose_names_the_reason(tmp_path, kept_signal_handlers, capsys):
+    assert cli.main(["robot", "check", str(written(tmp_path / "robot.yaml", plant__fix_rate=0.0))]) == 1
+    assert capsys.readouterr().out.endswith(
+        "not reached: the filter has no pose, since the plant sends no fixes: set fix_rate\n"
+    )
 
 
 @pytest.mark.study

@@ -1,6 +1,7 @@
 """`diffbot calibrate` writes the complete given file with the calibrated values."""
 
 import difflib
+import math
 from types import SimpleNamespace
 
 import numpy as np
@@ -109,6 +110,12 @@ def test_a_robot_s_file_stays_complete_with_its_comments(tmp_path):
     assert list(contradictions(read_robot(path))) == [], "the simulated robot is the calibrated one"
     controller = build(ControllerNodeConfig, values_of(values(path, "controller"), ControllerNodeConfig))
     assert controller.supervisor.controller.data_sheet.v_max == 0.31
+
+
+def test_simulated_errors_stay_within_their_bounds(tmp_path):
+    path = tmp_path / "calibrated.yaml"
+    written(path, file_of_robot(PRESETS["turtlebot4"]), FOUND._replace(parameters={"global_pose_sigma_yaw": 2.0}))
+    assert read_robot(path).plant.world.sensors.eps_theta_max == math.pi
 
 
 def test_a_limit_of_acceleration_is_never_raised(tmp_path):
