@@ -63,6 +63,7 @@ class ObservedRobot(NamedTuple):
     cmd_vel_type: str = AUTO
     pose_timeout: float = 0.5
     """[s]"""
+    max_cmd_vel_publishers: int = 1
     use_sim_time: Mapping[str, bool] = {}
     """parameter of each node that has answered, by the full name of the node"""
 
@@ -150,7 +151,8 @@ def output_lines(
     """Return a line for each output; the arguments are the same as of :func:`input_lines`."""
     lines = []
     for name, graph in graphs.items():
-        facts, todo = facts_of(graph, streams.stream(name), duration), too_many_publishers(graph, "publish it")
+        facts = facts_of(graph, streams.stream(name), duration)
+        todo = too_many_publishers(graph, "publish it", robot.max_cmd_vel_publishers if name == COMMANDS else 1)
         if name == COMMANDS:
             todo += _command_problems(graph, streams, robot)
         elif graph.publishers:
@@ -267,12 +269,12 @@ def unmatched(graph: TopicGraph, subscriptions: Iterable[Endpoint]) -> list[str]
     return list(dict.fromkeys(problems))
 
 
-def too_many_publishers(graph: TopicGraph, role: str) -> list[str]:
-    """Return a fault if a topic has several publishers; ``role`` completes "only one may"."""
-    count = len(graph.publishers)
-    if count < 2:
+def too_many_publishers(graph: TopicGraph, role: str, allowed: int = 1) -> list[str]:
+    """Return a fault if a topic has more publishers than ``allowed``; ``role`` completes "only one may"."""
+    count, words = len(graph.publishers), "one" if allowed == 1 else str(allowed)
+    if count <= allowed:
         return []
-    return [f"{count} publishers, only one may {role}: end or remap all but one of {_nodes(graph.publishers)}"]
+    return [f"{count} publishers, only {words} may {role}: end or remap all but {words} of {_nodes(graph.publishers)}"]
 
 
 def stream_problems(name: str, stream: Stream, *, is_latched: bool) -> list[str]:

@@ -52,7 +52,7 @@ _INPUTS = {"odom": _ODOMETRY, "joint_states": "sensor_msgs/msg/JointState", "imu
 _OUTPUTS = {"pose": (POSE_MESSAGE,), "odometry/filtered": (_ODOMETRY,), COMMANDS: tuple(TYPE_WORDS)}
 _PARAMETERS = {
     "ekf": [*(one.name for one in parameters_of(EkfNodeConfig)), "use_sim_time"],
-    "controller": ["pose_timeout", "cmd_vel_type", "use_sim_time"],
+    "controller": ["pose_timeout", "cmd_vel_type", "max_cmd_vel_publishers", "use_sim_time"],
 }
 """Parameters that are read from each node."""
 
@@ -121,6 +121,7 @@ class Observer:
             controller=running["controller"],
             cmd_vel_type=str(values.get("cmd_vel_type", AUTO)),
             pose_timeout=float(values.get("pose_timeout", 0.5)),
+            max_cmd_vel_publishers=int(values.get("max_cmd_vel_publishers", 1)),
             use_sim_time=self._use_sim_time,
         )
         clock = TopicGraph(CLOCK_TOPIC, publishers=publishers_of(self._node, CLOCK_TOPIC))

@@ -145,6 +145,15 @@ def test_the_subscription_of_the_base_is_checked_before_a_controller_runs(subscr
     assert (text in " ".join(line.todo)) if text else not line.todo
 
 
+@pytest.mark.parametrize(("allowed", "is_fault"), [(1, True), (2, False)])
+def test_the_controller_sets_how_many_nodes_may_send_commands(allowed, is_fault):
+    both = [Endpoint("/controller", TWIST, is_reliable=True), Endpoint("/dock_controller", TWIST, is_reliable=True)]
+    graph, robot = TopicGraph("/cmd_vel", TWIST, both, [Endpoint("/base", TWIST)]), ObservedRobot(EKF, "/controller")
+    (line,) = output_lines({"cmd_vel": graph}, drive(), robot._replace(max_cmd_vel_publishers=allowed), 8.0)
+    assert any("2 publishers, only one may publish it" in text for text in line.todo) is is_fault
+    assert len(line.todo) == is_fault
+
+
 @pytest.mark.parametrize(
     ("fields", "text"),
     [({}, "turns in the direction opposite to its commands"), ({"omega": 0.0, "twist_omega": 0.0}, "but does not")],
