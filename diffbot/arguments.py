@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from numbers import Integral, Real
 from os import PathLike
 from typing import Any, TypeAlias
 
@@ -15,6 +16,8 @@ from diffbot_tools.arguments import MAX_SEED, checked_heading
 from diffbot_tools.robot import RobotConfig, read_robot
 from diffbot_tools.robot_description import PRESETS, RobotDescription
 
+MAX_TIME = 9e9
+"""[s] largest time, since a stamp is a number of nanoseconds in 64 bits"""
 AnyPose: TypeAlias = Pose | Sequence[float]
 """x [m], y [m] and heading [rad]."""
 AnyRobot: TypeAlias = str | PathLike[str] | RobotDescription | RobotConfig
@@ -62,17 +65,27 @@ def sigma_of(value: Sequence[float], minimum: float = 0.0) -> Uncertainty:
     return Uncertainty(first, second)
 
 
+def number_of(name: str, value: float, limit: float, unit: str) -> float:
+    """Check that an argument is a number within +- ``limit``; numbers of numpy are allowed.
+
+    Raises:
+        InvalidValueError: if it is not.
+    """
+    if isinstance(value, bool) or not isinstance(value, Real) or not abs(value) <= limit:
+        raise InvalidValueError(name, value, f"a finite number [{unit}] within +-{limit:g}")
+    return float(value)
+
+
 def time_of(value: float, previous: float = -math.inf) -> float:
     """Check the argument ``time`` [s].
 
     Raises:
         InvalidValueError: if it is not a finite number > ``previous``.
     """
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        raise InvalidValueError("time", value, "a finite number [s]")
-    if value <= previous:
+    time = number_of("time", value, MAX_TIME, "s")
+    if time <= previous:
         raise InvalidValueError("time", value, f"> {previous:g}, the previous time")
-    return float(value)
+    return time
 
 
 def seed_of(value: int) -> int:
@@ -81,9 +94,9 @@ def seed_of(value: int) -> int:
     Raises:
         InvalidValueError: if it is not an integer from 0 to 2^63 - 1.
     """
-    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= MAX_SEED:
+    if isinstance(value, bool) or not isinstance(value, Integral) or not 0 <= value <= MAX_SEED:
         raise InvalidValueError("seed", value, f"a whole number from 0 to {MAX_SEED}")
-    return value
+    return int(value)
 
 
 def robot_of(value: AnyRobot) -> RobotConfig:

@@ -8,13 +8,24 @@ from typing import Any
 
 import numpy as np
 
-from diffbot.arguments import AnyPose, AnyRobot, goal_of, pose_of, robot_of, sigma_of, time_of, with_parameters
+from diffbot.arguments import (
+    AnyPose,
+    AnyRobot,
+    goal_of,
+    number_of,
+    pose_of,
+    robot_of,
+    sigma_of,
+    time_of,
+    with_parameters,
+)
 from diffbot_control.filter.covariance import uncertainty_of
 from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.measurement import pose_fix
 from diffbot_control.filter.odometry import OdometryStep
 from diffbot_control.goals import GoalRequest, Supervisor
 from diffbot_control.law.registry import resolve_law
+from diffbot_control.ros.messages.fields import MAX_SPEED
 from diffbot_control.ros.parameters.controller import ControllerNodeConfig
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.geometry import Pose
@@ -74,7 +85,7 @@ class Controller(Supervisor):
         """
         at, uncertainty = pose_of("pose", pose), sigma_of(sigma)
         self._time = time_of(time, self._time)
-        return self.on_pose(round(time * NS_PER_S), self._time, at, uncertainty) or Twist(0.0, 0.0)
+        return self.on_pose(round(self._time * NS_PER_S), self._time, at, uncertainty) or Twist(0.0, 0.0)
 
     @property
     def end(self) -> str:
@@ -131,9 +142,10 @@ class Filter(Localization):
         Raises:
             DiffbotError: before the first fix, or if an argument is not allowed.
         """
+        twist = Twist(number_of("v", v, MAX_SPEED, "m/s"), number_of("omega", omega, MAX_SPEED, "rad/s"))
         sigma_v, sigma_omega = sigma_of(sigma)
         covariance = TwistCovariance(sigma_v**2, 0.0, sigma_omega**2)
-        return self.on_odometry(OdometryStep(round(time_of(time) * NS_PER_S), Twist(v, omega), covariance)).pose
+        return self.on_odometry(OdometryStep(round(time_of(time) * NS_PER_S), twist, covariance)).pose
 
     @property
     def sigma(self) -> Uncertainty:

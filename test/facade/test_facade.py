@@ -165,6 +165,9 @@ REFUSED = {
     "sigma": (lambda: diffbot.Controller().step(0.0, (0, 0, 0), (-1.0, 0.0)), r"sigma = \(-1.0, 0.0\): must be two"),
     "a fix without error": (lambda: diffbot.Filter().fix(0.0, (0, 0, 0), (0.0, 0.0)), "sigma = .*two finite numbers"),
     "time running back": (lambda: step_back(diffbot.Controller()), "time = 0.9: must be > 1, the previous time"),
+    "time beyond the stamps": (lambda: diffbot.Controller().step(1e300, (0, 0, 0)), "time = 1e.300: must be a finite"),
+    "velocity": (lambda: diffbot.Filter().odometry(0.0, math.nan, 0.0), "v = nan: must be a finite number .m/s."),
+    "turn rate": (lambda: diffbot.Filter().odometry(0.0, 0.0, "a"), "omega = 'a': must be a finite number .rad/s."),
     "bag": (lambda: diffbot.Bag("none"), "no bag none"),
 }
 
@@ -175,6 +178,13 @@ def test_an_invalid_argument_is_refused_in_one_line(name):
     with pytest.raises(diffbot.DiffbotError, match=text) as refused:
         call()
     assert "\n" not in str(refused.value)
+
+
+def test_numbers_of_numpy_are_numbers():
+    ekf = diffbot.Filter()
+    ekf.fix(np.int64(0), np.zeros(3), np.full(2, 0.1))
+    assert ekf.odometry(np.float32(0.5), np.float32(0.5), np.int64(0)).x == pytest.approx(0.25, abs=0.01)
+    assert diffbot.drive((0.3, 0.0, 0.0), seed=np.int64(2)).end == diffbot.drive((0.3, 0.0, 0.0), seed=2).end
 
 
 def test_a_bag_can_be_given_as_a_text_or_a_path(tmp_path):
