@@ -96,6 +96,8 @@ def angle(text: str) -> float:
         if rest:
             raise ValueError
         value = float(number)
+        if is_degrees and not abs(value) <= 360.0:
+            raise argparse.ArgumentTypeError(f"{text!r}: must be a heading within a turn, +-360deg")
         return checked_heading("yaw", math.radians(value) if is_degrees else value, "{:g}deg")
     except ValueError:
         raise argparse.ArgumentTypeError(f"{text!r}: must be a heading [rad], or in degrees as 90deg") from None

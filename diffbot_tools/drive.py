@@ -151,8 +151,8 @@ def _dock(options: argparse.Namespace) -> int:
             types = zip((_POSITION, _POSITION, angle), options.pose, strict=True)
             pose = Pose(*(convert(text) for convert, text in types))
         except (ValueError, argparse.ArgumentTypeError) as error:
-            reason = "three numbers, or none" if len(options.pose) != 3 else str(error)
-            raise InvalidValueError("X Y YAW", words, reason) from None
+            reason = "must be three numbers, or none" if len(options.pose) != 3 else str(error)
+            raise InvalidValueError("X Y YAW", words, sentence=reason) from None
         staging = out_of_frame(pose_on_axis(options.distance, options.backward), pose)
         names = options.frame, options.namespace, options.controller
         if status := drive(GoalOptions(staging, *names, timeout=options.timeout)):

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, NamedTuple
 
 from diffbot_core.errors import InvalidValueError
 from diffbot_core.schema import Spec
 
 MAX_ROBOTS = 20
+_NAMESPACE = re.compile(r"/?([A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*/?)?")
 
 
 class WatchConfig(NamedTuple):
@@ -31,15 +33,18 @@ class WatchConfig(NamedTuple):
     open_browser: Annotated[bool, Spec("open the page in the browser", read_only=True)] = False
 
     def check(self) -> None:
-        """Check the number of robots, and that no robot is named twice.
+        """Check the number of robots and their names, and that no robot is named twice.
 
         Raises:
-            InvalidValueError: if ``namespaces`` is empty, too long, or contains a robot twice.
+            InvalidValueError: if ``namespaces`` is empty, too long, or contains a repeated or invalid name.
         """
         if not 1 <= len(self.namespaces) <= MAX_ROBOTS:
             raise InvalidValueError("namespaces", list(self.namespaces), f"a list of 1 to {MAX_ROBOTS} names")
         if len(set(robot_names(self.namespaces))) < len(self.namespaces):
             raise InvalidValueError("namespaces", list(self.namespaces), sentence="a robot appears twice")
+        if not all(map(_NAMESPACE.fullmatch, self.namespaces)):
+            text = "a namespace has only letters, digits and _, and no part of it begins with a digit"
+            raise InvalidValueError("namespaces", list(self.namespaces), sentence=text)
 
 
 def robot_names(namespaces: tuple[str, ...]) -> tuple[str, ...]:

@@ -44,6 +44,8 @@ def test_undocking_sends_a_goal_on_the_axis_of_the_dock(sent, flags, x):
 def test_an_incomplete_pose_is_refused_in_one_line(sent, capsys):
     assert main(["dock", "3", "1"]) == 1
     assert "three numbers, or none" in capsys.readouterr().err
+    assert main(["dock", "3", "1", "400deg"]) == 1
+    assert capsys.readouterr().err.count("must be") == 1
     assert not sent
 
 
@@ -53,7 +55,9 @@ def test_a_heading_is_in_radians_or_in_degrees(sent, text, theta):
     assert sent[0].pose == pytest.approx((1.0, 2.0, theta))
 
 
-@pytest.mark.parametrize(("text", "hint"), [("90", "write 90deg"), ("400deg", "within a turn"), ("x", "90deg")])
+@pytest.mark.parametrize(
+    ("text", "hint"), [("90", "write 90deg"), ("400deg", "within a turn, +-360deg"), ("x", "90deg")]
+)
 def test_a_heading_beyond_a_turn_is_refused_with_a_hint(sent, capsys, text, hint):
     with pytest.raises(SystemExit):
         main(["goal", "1", "2", text])
