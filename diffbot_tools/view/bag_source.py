@@ -16,10 +16,11 @@ from tqdm import tqdm
 from diffbot_bag.bag import BagReader, Parameters, RawMessage
 from diffbot_bag.info import TopicInfo, info_of
 from diffbot_bag.messages import decode
-from diffbot_control.law.configuration import SwitchingConfig
+from diffbot_control.law.configuration import DockingConfig, SwitchingConfig
 from diffbot_control.ros.messages.fields import stamp_ns
 from diffbot_core.errors import DiffbotError
 from diffbot_core.kinematics import WheelGeometry
+from diffbot_core.schema import build
 from diffbot_core.stamps import NS_PER_S, S_PER_NS
 from diffbot_tools.figures import MAX_VAR_THETA, Trajectory, errors_at, nees_of
 from diffbot_tools.opened_bag import open_bag
@@ -91,6 +92,11 @@ class BagRobot:
         roles = ["estimate" if role == "transforms" else role for role in names]
         self.model = RobotModel(clock, self, namespace, roles)
         self.model.tolerance = self.config.tolerance.xy_goal_tolerance
+        docking = parameters.get(f"{namespace.rstrip('/')}/dock_controller", {})
+        given: dict[str, Any] = {
+            name: docking[name] for name in ("staging_distance", "dock_backward") if name in docking
+        }
+        self.model.docking_config = build(DockingConfig, given)
         self.curves: dict[str, Columns] = {}
         self.all_events: list[Event] = []
         self.states: list[list[Any]] = []

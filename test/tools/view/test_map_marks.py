@@ -7,7 +7,7 @@ import pytest
 import view_bags
 
 from diffbot_core.geometry import Pose, into_frame
-from diffbot_tools.view.bag_source import read_bag
+from diffbot_tools.view.bag_source import BagRobot, read_bag
 from diffbot_tools.view.model import RobotModel
 from diffbot_tools.view.report_command import write_report
 from diffbot_tools.view.track import PageClock
@@ -156,6 +156,14 @@ def test_dock_and_detections_are_placed_by_the_estimates_at_their_stamps(live):
     found = kept.values["dock"]
     assert found["pose"] == pytest.approx([3.0, 1.0, 0.5])
     assert found["detections"] == [pytest.approx([3.0, 1.0]), pytest.approx([3.02, 0.97])]
+
+
+def test_the_dock_of_a_bag_has_the_recorded_distance_and_direction():
+    recorded = {"/r1/dock_controller": {"staging_distance": 0.5, "dock_backward": True, "law": "docking"}}
+    robot = BagRobot("/r1", {}, PageClock(BEGIN), recorded)
+    robot.model.add("estimate", content(view_bags.estimate(BEGIN, 1.0, 0.0, 0.0)))
+    robot.model.add("dock_pose", content(view_bags.estimate(BEGIN, -1.0, 0.0, 0.0, sigma=0.01)))
+    assert (robot.dock["pose"], robot.dock["staging"], robot.dock["isBackward"]) == ([2.0, 0.0, 0.0], 0.5, True)
 
 
 def test_odometry_begins_at_the_estimate_if_there_is_no_truth(live):
