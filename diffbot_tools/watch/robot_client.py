@@ -187,13 +187,19 @@ class RobotClient:
         return f"{name.partition('_')[0]}: no answer within {SERVICE_TIMEOUT:g} s", 2
 
     def _update_info(self) -> None:
-        if self._constants is None and self._services["parameters"].service_is_ready():
+        # A node that is started again may have other parameters, and its simulation is not paused.
+        if not self._services["parameters"].service_is_ready():
+            self._constants = None
+        elif self._constants is None:
             self._constants = self._request_constants()
-        if self._docking is None and self._services["docking"].service_is_ready():
+        if not self._services["docking"].service_is_ready():
+            self._docking = None
+        elif self._docking is None:
             values = self._request_parameters("docking", _DOCKING)
             # The docking controller may run another law, without these parameters.
             self._docking = DockingConfig()._replace(**values) if len(values) == len(_DOCKING) else None
         ready = {name: self._services[name].service_is_ready() for name in ("pause", "reset", "docking")}
+        self._is_paused = self._is_paused and ready["pause"]
         services = {
             "pause": {"isThere": ready["pause"], "isOn": self._is_paused},
             "reset": {"isThere": ready["reset"], "isOn": False},

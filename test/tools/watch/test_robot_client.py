@@ -1,0 +1,32 @@
+"""The requests of the page to a robot, without a graph."""
+
+from types import SimpleNamespace
+
+from diffbot_control.law.configuration import DockingConfig
+from diffbot_tools.watch.robot_client import RobotClient
+
+
+def test_a_restarted_node_is_asked_for_its_parameters_again():
+    ready, infos = {"parameters", "docking", "pause"}, []
+    constants = iter(({"xy_tolerance": 0.1}, {"xy_tolerance": 0.2}))
+    docking = iter({"staging_distance": distance, "dock_backward": True} for distance in (0.5, 0.6))
+    client = object.__new__(RobotClient)
+    names = ("parameters", "docking", "pause", "reset")
+    client._services = {name: SimpleNamespace(service_is_ready=lambda name=name: name in ready) for name in names}
+    client._constants = client._docking = client._last_info = None
+    client._is_paused, client._on_info = True, infos.append
+    client._request_constants, client._request_parameters = constants.__next__, lambda *_: next(docking)
+    for _ in range(2):
+        client._update_info()
+    ready.clear()
+    client._update_info()
+    ready |= {"parameters", "docking", "pause"}
+    client._update_info()
+    backward = DockingConfig(dock_backward=True)
+    assert [one.constants for one in infos] == [{"xy_tolerance": 0.1}, None, {"xy_tolerance": 0.2}]
+    assert [one.docking for one in infos] == [
+        backward._replace(staging_distance=0.5),
+        None,
+        backward._replace(staging_distance=0.6),
+    ]
+    assert [one.services["pause"]["isOn"] for one in infos] == [True, False, False]
