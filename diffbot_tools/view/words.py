@@ -99,8 +99,6 @@ def docking_words(status: Status, before: Words | None) -> Words | None:
 def _driving(now: RobotSituation) -> str:
     waypoint = now.controller.values.get("waypoint", "")
     where = f" (goal {waypoint})" if waypoint else ""
-    if now.controller.values.get("finish", "") in ("to and fro", "out and in") and math.isfinite(now.to_go.y):
-        return f"correcting sideways, {length_text(abs(now.to_go.y))}{where}"
     return f"driving{where}{_to_go_text(now.to_go)}" + (f", {now.left:.0f} s" if now.left >= 0.5 else "")
 
 
