@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from diffbot_core.errors import DiffbotError
+from diffbot_core.schema import build, parameters_of
 from diffbot_core.yaml_files import read_sections, values_for
 from diffbot_tools.arguments import duration
 
@@ -55,7 +56,12 @@ def _check(options: argparse.Namespace) -> int:
 
 
 def _values_in(file: Path) -> dict[str, dict[str, Any]]:
-    """Return the parameters of ekf and controller, if a file has sections for them."""
+    """Return the parameters of ekf and controller, if a file has sections for them.
+
+    Raises:
+        DiffbotError: if the file cannot be read, or a value is not allowed.
+    """
+    from diffbot_control.ros.parameters.controller import ControllerNodeConfig  # noqa: PLC0415
     from diffbot_control.ros.parameters.ekf import EkfNodeConfig  # noqa: PLC0415 - only the called command is loaded
     from diffbot_tools.parameter_file import values_of  # noqa: PLC0415
 
@@ -63,4 +69,7 @@ def _values_in(file: Path) -> dict[str, dict[str, Any]]:
     values = {name: values_for(file, name) for name in ("ekf", "controller") if nodes & {name, "*", "**"}}
     if "ekf" in values:
         values["ekf"] = values_of(values["ekf"], EkfNodeConfig)
+    # The controller may also have parameters of a law of the user.
+    names = {one.name for one in parameters_of(ControllerNodeConfig)}
+    build(ControllerNodeConfig, {name: one for name, one in values.get("controller", {}).items() if name in names})
     return values

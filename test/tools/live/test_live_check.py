@@ -10,6 +10,7 @@ from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_control.ros.transforms import NO_TRANSFORMS
 from diffbot_core.endpoints import TWIST, TWIST_STAMPED, Endpoint
 from diffbot_core.schema import build
+from diffbot_tools import cli
 from diffbot_tools.live.report import (
     ObservedRobot,
     TopicGraph,
@@ -143,6 +144,22 @@ def test_the_subscription_of_the_base_is_checked_before_a_controller_runs(subscr
     graph = TopicGraph("/cmd_vel", TWIST, [], ends, ["/base/cmd_vel"])
     (line,) = output_lines({"cmd_vel": graph}, drive(), robot, 8.0)
     assert (text in " ".join(line.todo)) if text else not line.todo
+
+
+@pytest.mark.parametrize(
+    ("section", "text"),
+    [
+        ("controller: {ros__parameters: {pose_timeout: soon}}", "pose_timeout = 'soon'"),
+        ("ekf: {ros__parameters: {use_gyo: true}}", "did you mean use_gyro"),
+    ],
+)
+def test_a_wrong_parameter_file_is_refused_in_one_line(section, text, tmp_path, capsys):
+    file = tmp_path / "robot.yaml"
+    file.write_text(f"/**/{section}")
+    assert cli.main(["check", str(file)]) == 1
+    error = capsys.readouterr().err
+    assert text in error
+    assert error.count("\n") == 1
 
 
 @pytest.mark.parametrize(("allowed", "is_fault"), [(1, True), (2, False)])
