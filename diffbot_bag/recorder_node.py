@@ -71,7 +71,9 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         self._selection = selection_of(config, namespace, config.include_hidden_topics)
         self._topics: dict[str, RecordedTopic] = {}
         self._ignored: set[str] = set()
-        """topics that are not selected or cannot be recorded"""
+        """topics that are not selected"""
+        self._refused: set[str] = set()
+        """selected topics that cannot be recorded"""
         self._paused, self._simulated = config.start_paused, bool(self.get_parameter("use_sim_time").value)
         self._held: list[HeldMessage] = []
         self._held_bytes = self._unwritten = 0
@@ -138,7 +140,7 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
     def update_subscriptions(self) -> None:
         """Subscribe to new topics of the graph, and again to topics whose subscription does not match a publisher."""
         for name, types in self.get_topic_names_and_types():
-            if name in self._topics or name in self._ignored or name == self._status.topic_name:
+            if name in self._topics or name in self._ignored | self._refused or name == self._status.topic_name:
                 continue
             if not self._selection.selects(name):
                 self._ignored.add(name)
@@ -160,7 +162,7 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
             self._publish_status()
 
     def _refuse(self, name: str, reason: str) -> None:
-        self._ignored.add(name)
+        self._refused.add(name)
         self.get_logger().warning(f"{name} is not recorded: {reason}")
 
     def _start(self, name: str, type_name: str) -> None:
@@ -172,14 +174,14 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
         except DiffbotError as error:
             self._refuse(name, str(error))
             return
-        # If the middleware raises an error, the topic stays ignored: every new attempt would add a channel.
-        self._ignored.add(name)
+        # If the middleware raises an error, the topic stays refused: every new attempt would add a channel.
+        self._refused.add(name)
         offered, override = offers(publishers), self._overrides.get(name)
         channel = self._writer.add_topic(name, type_name, offered, type_hash(publishers))
         topic = RecordedTopic(self, name, type_name, channel, override or to_request(offered), override is not None)
         topic.subscribe(self._receiver(topic))
         self._topics[name] = topic
-        self._ignored.discard(name)
+        self._refused.discard(name)
         self.get_logger().info(f"subscribed to {name} [{type_name}]")
 
     def _receiver(self, topic: RecordedTopic) -> Receive:
@@ -275,7 +277,7 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
     def _publish_status(self) -> None:
         self._last_matched = self._matched()
         lost, state = self._lost(), self._state()
-        incomplete = sorted(topic.name for topic in self._topics.values() if topic.unmatched)
+        incomplete = sorted(self._refused.union(topic.name for topic in self._topics.values() if topic.unmatched))
         level = DiagnosticStatus.WARN if lost or incomplete else DiagnosticStatus.OK
         if state == "write error":
             level = DiagnosticStatus.ERROR

@@ -290,7 +290,7 @@ def test_an_error_in_the_first_search_for_topics_leaves_a_finished_bag(nodes, tm
     assert custom_data(tmp_path / "run") == {"lost_messages": "0"}
 
 
-def test_a_topic_that_cannot_be_subscribed_to_does_not_affect_other_topics(nodes, tmp_path, monkeypatch):
+def test_a_topic_that_cannot_be_recorded_is_reported_and_does_not_affect_other_topics(nodes, tmp_path, monkeypatch):
     subscribe = RecordedTopic.subscribe
 
     def fail_for_one(topic, *arguments):
@@ -302,6 +302,8 @@ def test_a_topic_that_cannot_be_subscribed_to_does_not_affect_other_topics(nodes
     publishers = [nodes.peer.publisher(Twist, name, RELIABLE) for name in ("bad", "good")]
     recorder = Recorder(nodes, tmp_path / "run", topics=["/bad", "/good"])
     recorder.wait_for(publishers[1])
+    recorder.wait("incomplete", "/bad")
+    assert recorder.reports[-1].level == DiagnosticStatus.WARN
     sent = publish(publishers[1], twists(5))
     recorder.close()
     assert recorded(tmp_path / "run", "/good") == sent
