@@ -76,8 +76,10 @@ def run_nodes(names: list[str], ros_args: list[str]) -> int:
     # Imported by name, here and below, since the command line must start without ROS and heavy libraries.
     bringup = "diffbot_tools.bringup"
     if any(word.endswith("clock:=lockstep") for word in ros_args):
-        needed = importlib.import_module(bringup).lockstep_parameters(members).values()
-        ros_args = [*ros_parameters({name: value for one in needed for name, value in one.items()}), *ros_args]
+        needed = {"use_sim_time": True}
+        for values in importlib.import_module(bringup).lockstep_parameters(members).values():
+            needed.update(values)
+        ros_args = [*ros_parameters(needed), *ros_args]
     end_on_signals(0)
     if "controller" in members:
         importlib.import_module(bringup).check_limits(members, ros_args)

@@ -77,7 +77,7 @@ def test_lockstep_sets_what_its_nodes_need_and_refuses_two_controllers(capsys, m
     monkeypatch.setattr("diffbot_core.ros.run.run", lambda _make, words: given.extend(words) or 0)
     lockstep = ["--ros-args", "-p", "clock:=lockstep"]
     assert cli.main(["run", "ekf", "--with", "plant", *lockstep]) == 0
-    assert set(given[2:-2:2]) == {'cmd_vel_type:="twist_stamped"', "reliable_inputs:=true"}
+    assert set(given[2:-2:2]) == {'cmd_vel_type:="twist_stamped"', "reliable_inputs:=true", "use_sim_time:=true"}
     assert cli.main(["run", "robot", "--with", "plant", "docking", *lockstep]) == 1
     assert "only one node may publish cmd_vel" in capsys.readouterr().err
 
