@@ -237,6 +237,8 @@ class Localization:
         if (after.stamp - start) * S_PER_NS <= valid_for:
             return start
         end = after.stamp - round(valid_for / S_PER_NS)
+        if end <= start:  # 300_000_000 * 1e-9 is slightly more than 0.3
+            return start
         before = self._odometry.twist if self._odometry is not None else after.twist
         self._delayed.clear()
         return self._step(start, unknown_motion(start, end, before, after.twist), end - start, is_gap=True)

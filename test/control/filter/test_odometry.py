@@ -137,6 +137,14 @@ def test_after_a_gap_the_twist_acts_for_max_extrapolation_and_the_rest_adds_unce
     assert np.sqrt(np.diag(short.P)).max() < 0.1
 
 
+@pytest.mark.parametrize("seconds", [0.3, 0.5, 0.7])
+def test_odometry_after_exactly_max_extrapolation_has_no_gap(seconds):
+    found = started(OdometryConfig(), max_extrapolation=seconds)
+    after = found.on_odometry(OdometryStep(round(seconds * 1e9), Twist(0.4, 0.0), SMALL))
+    assert after.pose.x == pytest.approx(0.4 * seconds)
+    assert after.P[0, 0] < 1e-6
+
+
 def test_fixes_and_turn_rates_in_a_gap_are_fused_at_their_stamps():
     after = after_a_gap(61.0, [pose_fix(31 * 10**9, Pose(7.0, 3.0, 0.2), 1e-4 * np.eye(3))])
     # After the fix, 30 s of the gap remain, and then the twist acts for one second.
