@@ -42,6 +42,8 @@ _MIN_COVERED = 0.05
 """share of the distance that the robot must cover before its mean speed so far is used"""
 _SLOWEST = 1e-3
 """[m/s], [rad/s] a robot with a lower speed limit counts as one that must not move"""
+_FASTEST = 10.0
+"""[m/s], [rad/s] speed to which a robot without a speed limit is assumed to accelerate"""
 _LONGEST, _ROUNDING = 1e6, 1e-6
 """[s] longest derived timeout; [s] rounding error of a sum of times"""
 
@@ -182,7 +184,7 @@ def _turn_and_start(sheet: DataSheet) -> float:
     """Return the time [s] for a full turn, and for accelerating to the largest speeds and braking from them."""
     v, omega = (max(limit, _SLOWEST) for limit in fastest(sheet))
     ramps = (
-        0.0 if bound == math.inf else 2.0 * speed / bound
+        0.0 if bound == math.inf else 2.0 * (speed if speed < math.inf else _FASTEST) / bound
         for speed, bound in ((v, sheet.a_max), (omega, sheet.omega_dot_max))
     )
     return 2.0 * math.pi / omega + sum(ramps)

@@ -372,6 +372,15 @@ def test_a_goal_has_a_finite_time_from_its_acceptance_on_that_grows_with_the_rou
     assert near.supervisor.timeout > 131.0 / 0.1
 
 
+def test_a_robot_without_a_limit_of_the_turn_rate_is_given_up_too():
+    sheet = PAPER_DATA_SHEET._replace(omega_dot_max=3.0)
+    story = Story(controller=PAPER._replace(data_sheet=sheet))
+    story.pose(AWAY)
+    story.supervisor.on_goal(GOAL)
+    assert 120.0 < story.supervisor.timeout < 200.0
+    assert 30.0 <= seconds_until_given_up(story, lambda _: AWAY) <= 60.0
+
+
 def test_a_book_knows_its_goals_by_their_ids_and_the_newest_accepted_one():
     book = GoalBook()
 
