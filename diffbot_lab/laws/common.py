@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Annotated, Any, NamedTuple
 
 from diffbot_control.law.goal_checker import GoalTolerance, Settling, next_settling, within
-from diffbot_control.law.latency import Actuation, coast, is_immediate, resting_actuation
+from diffbot_control.law.latency import Actuation, after_a_period, coast, is_immediate, resting_actuation
 from diffbot_control.law.law import Law, Observation, Report
 from diffbot_control.law.limits import lifted_command, limit_change, limit_velocity
 from diffbot_control.law.regions import OMEGA_G
@@ -172,9 +172,22 @@ def step_of(decide: Callable[[Any, Situation, Any], tuple[Any, Twist]]) -> Any:
 
 
 class PeerLaw(Law):
-    """Base class of the laws whose memory is a :class:`LawMemory` with a :class:`PeerState`."""
+    """Base class of the laws whose memory is a :class:`LawMemory` and whose Config has a ``data_sheet``."""
 
     @staticmethod
     def new_memory(config: Any) -> LawMemory:
         """Return the memory of a robot at rest with a new goal."""
         return new_law_memory()
+
+    @classmethod
+    def memory_for_new_goal(cls, memory: Any, config: Any) -> LawMemory:
+        """Return a new memory with the current motion, for the limits of acceleration and the prediction."""
+        new: LawMemory = cls.new_memory(config)
+        return new._replace(command=memory.command, actuation=memory.actuation)
+
+    @staticmethod
+    def after_command(memory: Any, command: Twist, dt: float, config: Any) -> LawMemory:
+        """Store the new command and the motion, and restart the count of consecutive poses within the tolerances."""
+        actuation = after_a_period(memory.actuation, memory.command, dt, config.data_sheet)
+        after: LawMemory = memory._replace(command=command, actuation=actuation)
+        return after._replace(settling=after.settling._replace(steps_within=0))

@@ -6,12 +6,12 @@ import math
 from typing import Annotated, Any, NamedTuple
 
 from diffbot_control.law.goal_checker import GoalTolerance
-from diffbot_control.law.law import Law, Observation, Report
+from diffbot_control.law.law import Observation, Report
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose, into_frame, wrap_angle
 from diffbot_core.kinematics import Twist
 from diffbot_core.schema import Spec
-from diffbot_lab.laws.common import STOP, LawMemory, Stop, conclude, new_law_memory, situation_of
+from diffbot_lab.laws.common import STOP, LawMemory, PeerLaw, Stop, conclude, new_law_memory, situation_of
 from diffbot_lab.laws.graceful import graceful_curvature, graceful_slowdown
 
 _REPLANNING = 1.0
@@ -139,7 +139,7 @@ def check_goal(plan: FollowedPlan, pose: Pose, stop: Stop) -> FollowedPlan:
     return FollowedPlan(plan.x, plan.y, plan.age, plan.left, plan.rotates, checked, done)
 
 
-class Nav2Graceful(Law):
+class Nav2Graceful(PeerLaw):
     """Nav2's graceful controller on a straight path that is planned again every second."""
 
     name = "nav2_graceful"

@@ -8,6 +8,7 @@ from driven import Robot, seen
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from diffbot_control.goals import Supervisor, SupervisorConfig
 from diffbot_control.law.registry import registered_laws, resolve_law
 from diffbot_core.data_sheet import DataSheet
 from diffbot_core.geometry import Pose
@@ -61,6 +62,20 @@ def test_reached_is_not_reported_while_the_robot_coasts(name):
     pose, _, memory = drive(law, config, Pose(-3.0, 0.1, 0.0), 60.0, latency=0.5, until_reached=True)
     assert memory.reached
     assert math.hypot(pose.x, pose.y) < 0.1
+
+
+def test_a_robot_that_passes_a_waypoint_does_not_brake():
+    law = resolve_law("pure_pursuit")
+    supervisor, x, speeds = Supervisor(SupervisorConfig(with_sheet(law, SHEET), waypoint_radius=4.0), law), -5.0, []
+    supervisor.on_path([ORIGIN, Pose(9.0, 0.0, 0.0)])
+    for number in range(70):
+        command = supervisor.on_pose(10**8 * number, 0.1 * number, Pose(x, 0.0, 0.0))
+        x += 0.1 * command.v
+        speeds.append(command.v)
+    assert supervisor.waypoint == 2
+    assert speeds == sorted(speeds)
+    # The law also gets the command that stops the robot without a pose.
+    assert supervisor.on_tick(100.0) == supervisor.memory.command == (0.0, 0.0)
 
 
 poses = st.builds(Pose, *(st.floats(-5.0, 5.0),) * 2, st.floats(-3.1, 3.1))
