@@ -237,7 +237,7 @@ def _accept(filter_: FilterState, options: Options, reading: Reading, expected: 
     if is_fix(reading.kind):
         gate[state.REJECTIONS] = gate[state.ELAPSED] = gate[state.AGREEING] = gate[state.HAS_CANDIDATE] = 0.0
         gate[state.SLACK] = max(gate[state.SLACK] - _SLACK_DOWN, 0.0)
-    factor, m, paired = _inflation(filter_, options, reading), len(expected.y), last[state.VALID] > 0.0
+    factor, m, paired = _inflation(filter_, options, reading), len(expected.y), last[state.VALID] == 1.0 + reading.kind
     x, y, theta, var_theta = float(filter_.x[0]), float(filter_.x[1]), float(filter_.x[2]), float(filter_.P[2, 2])
     product = 0.0
     for i in range(m):
@@ -250,7 +250,7 @@ def _accept(filter_: FilterState, options: Options, reading: Reading, expected: 
         noise.add_drift(row, last[state.NORMALISED : state.NORMALISED + 3], m)
     if paired and (options.fuzzy or options.finds_noise or options.times[reading.source] > 0.0):
         _update_noise(filter_, options, reading, expected, x, y)
-    last[state.VALID], last[state.TIME] = 1.0, reading.time
+    last[state.VALID], last[state.TIME] = 1.0 + reading.kind, reading.time
     last[state.POSE], last[state.POSE + 1], last[state.POSE + 2], last[state.VAR_THETA] = x, y, theta, var_theta
     last[state.ALONG], last[state.TURN] = filter_.travelled[0], filter_.travelled[1]
     for i in range(m):

@@ -21,10 +21,10 @@ that agree with the candidate; log of the factor on the bound of the gate; 1 if 
 normalised innovations of the gyro."""
 VALID, TIME, INNOVATION, NORMALISED, POSE, VAR_THETA = 0, 1, 2, 5, 8, 11
 ALONG, TURN, NIS, OUTCOME, SHIFT = 12, 13, 14, 15, 16
-"""Columns of the newest accepted measurement of a source or landmark, with which the next measurement is compared: 1 if
-there is one; time [s]; innovation (3,); normalised innovation (3,); pose before the correction (3,); variance of the
-heading; both sums of :attr:`FilterState.travelled`; NIS and outcome, also of a measurement that was not accepted; the
-sum :attr:`FilterState.shift` (n,)."""
+"""Columns of the newest accepted measurement of a source or landmark, with which the next measurement is compared: its
+kind plus 1, 0 if there is none; time [s]; innovation (3,); normalised innovation (3,); pose before the correction (3,);
+variance of the heading; both sums of :attr:`FilterState.travelled`; NIS and outcome, also of a measurement that was not
+accepted; the sum :attr:`FilterState.shift` (n,)."""
 
 
 class Options(NamedTuple):

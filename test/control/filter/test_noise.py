@@ -12,7 +12,7 @@ from scipy.stats import binom, chi2, norm
 from diffbot_control.filter import ekf, noise, state
 from diffbot_control.filter.consistency import consistency_of
 from diffbot_control.filter.ekf import ACCEPTED
-from diffbot_control.filter.models import BEARING, HEADING, POSITION_FIX, WHEELS, size_of
+from diffbot_control.filter.models import BEARING, HEADING, POSITION_FIX, RANGE, WHEELS, size_of
 from diffbot_core.geometry import Point, Pose
 
 
@@ -69,6 +69,16 @@ def test_the_scale_of_landmarks_is_never_below_1():
     assert (Run("landmarks", 0.0, 0, (0.1, 0.1)).scales() == 1.0).all()
     scales = Run("landmarks", 0.0, 0, (10.0, 4.0), gate_probability=1.0).scales()
     np.testing.assert_allclose(scales, (10.0, 4.0), rtol=0.3)
+
+
+def test_a_range_and_a_bearing_of_one_landmark_do_not_form_a_pair():
+    numbers, rng = options([Point(5.0, 0.0)], filter="ekf"), np.random.default_rng(4)
+    found = started(numbers, P=1e-6 * np.eye(3), landmarks=1)
+    for step in range(200):
+        kind, exact, sigma = ((RANGE, 5.0, 0.3), (BEARING, 0.0, 0.1))[step % 2]
+        z = [rng.normal(exact, sigma)]
+        ekf.take(found, numbers, reading(kind, z, sigma**2 * np.eye(1), 0.1 * step, (5.0, 0.0), place=3))
+    assert noise.scale_of(found.noise[2], False) == noise.scale_of(found.noise[2], True) == 1.0
 
 
 @pytest.mark.study
