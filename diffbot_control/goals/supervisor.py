@@ -281,7 +281,7 @@ class Supervisor:
     def pass_time(self, now: float, steady: float) -> None:
         """Count the time since the last event, as an event itself; a new goal is one. Arguments as for on_tick()."""
         passed = self.clock.pass_time(now, steady)
-        self._since_command = min(self._since_command + passed, MAX_STEP)
+        self._since_command += passed
         self._since_step = min(self._since_step + passed, MAX_STEP)
         if self.goals.present is not None:
             self._guard.pass_time(passed)
@@ -346,6 +346,7 @@ class Supervisor:
 
     def _accept(self, goals: list[Pose], request: GoalRequest, waypoint: int, waypoints: int) -> None:
         is_replanned = self.goals.present is not None and self.goals_ahead[-1:] == goals[-1:]
+        rest = self._since_command if self.accepted and self.state is State.IDLE else 0.0
         self._follow(GoalEvent.GOAL, f"by a newer goal ({request.source})" if request.source else "")
         self.goals.accept(request)
         self.accepted += 1
@@ -358,13 +359,15 @@ class Supervisor:
             self.data_sheet = self.law.data_sheet(self.config.controller)
         distance, is_known = timing.distance_along(self.pose or goals[0], goals), self.pose is not None
         self._guard.accept(self.config.goal_timeout, distance, len(goals), self.data_sheet, is_known, is_replanned)
-        self._begin_goal()
+        self._begin_goal(rest)
 
-    def _begin_goal(self) -> None:
-        """Prepare the law for the first of the goals ahead."""
+    def _begin_goal(self, rest: float = 0.0) -> None:
+        """Prepare the law for the first of the goals ahead; ``rest`` [s] is the time at rest since the last goal."""
         self.report, self._is_uncertain = None, False
         try:
             with errors_of(self.law):
+                if rest > 0.0:
+                    self.memory = self.law.after_command(self.memory, STOP, rest, self.config.controller)
                 self.memory = self.law.memory_for_new_goal(self.memory, self.config.controller)
         except LawError as error:
             self.on_fault(str(error))

@@ -138,9 +138,9 @@ class Law:
     def after_command(memory: Any, command: Twist, dt: float, config: Any) -> Any:
         """Return the memory after the supervisor has sent a command of its own. Default: unchanged.
 
-        The supervisor calls this function in two cases. If it has limited the command of a step, ``dt`` is 0, and
+        The supervisor calls this function in three cases. If it has limited the command of a step, ``dt`` is 0, and
         ``command`` replaces the command of the step. If it brakes without the law, ``dt`` [s] is the time since the
-        previous command.
+        previous command. Before a new goal, ``command`` is zero, and ``dt`` is the time at rest since the last goal.
         """
         return memory
 

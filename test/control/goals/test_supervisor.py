@@ -17,8 +17,8 @@ from diffbot_control.goals.record import (
 from diffbot_control.goals.states import AT_GOAL as REACHED
 from diffbot_control.goals.states import DRIVING, IDLE, NOT_AT_GOAL, STALE, UNCERTAIN, WAITING
 from diffbot_control.goals.timing import time_remaining
-from diffbot_control.law import PRESETS, PaperConfig, PaperLaw, SwitchingLaw
-from diffbot_core.data_sheet import PAPER_DATA_SHEET
+from diffbot_control.law import PRESETS, PaperConfig, PaperLaw, SwitchingConfig, SwitchingLaw
+from diffbot_core.data_sheet import PAPER_DATA_SHEET, DataSheet
 from diffbot_core.errors import BadMessageError
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
@@ -379,6 +379,19 @@ def test_a_robot_without_a_limit_of_the_turn_rate_is_given_up_too():
     story.supervisor.on_goal(GOAL)
     assert 120.0 < story.supervisor.timeout < 200.0
     assert 30.0 <= seconds_until_given_up(story, lambda _: AWAY) <= 60.0
+
+
+def test_a_new_goal_after_a_rest_is_not_approached_as_if_the_robot_still_moved():
+    story = Story(controller=SwitchingConfig(data_sheet=DataSheet(command_latency=0.5)))
+    story.supervisor.on_goal(Pose(9.0, 0.0, 0.0))
+    for number in range(20):
+        assert story.pose(Pose(0.13 * number, 0.0, 0.0)).v == pytest.approx(1.3)
+    story.supervisor.on_cancel()
+    for _ in range(20):
+        story.pose(Pose(3.0, 0.0, 0.0))
+    story.supervisor.on_goal(Pose(3.3, 0.0, 0.0))
+    assert story.pose(Pose(3.0, 0.0, 0.0)).v > 0.0
+    assert story.supervisor.report.rho == pytest.approx(0.3)
 
 
 def test_a_book_knows_its_goals_by_their_ids_and_the_newest_accepted_one():
