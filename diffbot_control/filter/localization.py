@@ -381,21 +381,34 @@ class Localization:
             raise BadMessageError("measurement not finite")
         index = self._history.insert_gyro(sample, self._stamp)
         if index is not None:
-            self._compute_from(index)
+            self._compute_from(index, is_new_rate=len(self._history.steps[index].gyro) == 1)
 
-    def _compute_from(self, index: int, late: Collection[Measurement] = ()) -> None:
-        """Compute the steps from ``index`` on again; only the ``late`` measurements are new and counted."""
+    def _compute_from(self, index: int, late: Collection[Measurement] = (), *, is_new_rate: bool = False) -> None:
+        """Compute the steps from ``index`` on again; only the ``late`` measurements are new and counted.
+
+        With ``is_new_rate``, the turn rate of the step ``index`` is counted, too.
+        """
         steps = self._history.steps
         self.filter.memory[:] = steps[index].memory
         for i in range(index, len(steps)):
             steps[i].memory = self.filter.memory.copy()
-            self._compute(steps[i], late, is_new=False)
+            self._compute(steps[i], late, is_new=False, is_new_rate=is_new_rate and i == index)
 
-    def _compute(self, step: HistoryStep, late: Collection[Measurement] = (), *, is_new: bool = True) -> None:
-        """Predict over a step and fuse its measurements; in an old step, only the ``late`` measurements are counted."""
+    def _compute(
+        self,
+        step: HistoryStep,
+        late: Collection[Measurement] = (),
+        *,
+        is_new: bool = True,
+        is_new_rate: bool = True,
+    ) -> None:
+        """Predict over a step and fuse its measurements; in an old step, only the ``late`` measurements are counted.
+
+        The turn rate is counted if ``is_new_rate``.
+        """
         now, rate, slip = step.start, step.rate(), _NO_SLIP
         if rate is not NO_RATE:
-            slip = self._take_rate(self._motion(step, step.duration, rate, _NO_SLIP), is_new=is_new)
+            slip = self._take_rate(self._motion(step, step.duration, rate, _NO_SLIP), is_new=is_new_rate)
         for measurement in step.measurements:
             if measurement.stamp > now:
                 self._predict(step, (measurement.stamp - now) * S_PER_NS, rate, slip)

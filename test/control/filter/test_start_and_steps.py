@@ -145,13 +145,18 @@ def test_single_messages_out_of_order_do_not_set_the_clock_back():
     assert found.clock_set_back == 0
 
 
-def test_a_gyro_of_the_wrong_sign_is_detected_within_five_seconds_of_motion():
+@pytest.mark.parametrize("is_late", [False, True])
+def test_a_gyro_of_the_wrong_sign_is_detected_within_five_seconds_of_motion(is_late):
     found = stamped.fresh(use_gyro=True, filter="ekf")
     for number in range(1, 200):
         turns = number % 10 < 3
         omega = 0.6 if turns else 0.0
-        found.on_gyro(stamped.GyroSample(number * PERIOD, -omega, 1e-4))
+        sample = stamped.GyroSample(number * PERIOD, -omega, 1e-4)
+        if not is_late:
+            found.on_gyro(sample)
         found.on_odometry(stamped.odometry(number, 0.0, omega))
+        if is_late:
+            found.on_gyro(sample)
         if found.turns.contradiction() == "opposed":
             break
     assert 0.3 * number * 0.1 < 5.0
