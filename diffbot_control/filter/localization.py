@@ -408,7 +408,9 @@ class Localization:
         """
         now, rate, slip = step.start, step.rate(), _NO_SLIP
         if rate is not NO_RATE:
-            slip = self._take_rate(self._motion(step, step.duration, rate, _NO_SLIP), is_new=is_new_rate)
+            # In a gap the turn rate of the wheels is unknown.
+            is_counted = is_new_rate and not step.is_gap
+            slip = self._take_rate(self._motion(step, step.duration, rate, _NO_SLIP), is_new=is_counted)
         for measurement in step.measurements:
             if measurement.stamp > now:
                 self._predict(step, (measurement.stamp - now) * S_PER_NS, rate, slip)

@@ -154,6 +154,15 @@ def test_fixes_and_turn_rates_in_a_gap_are_fused_at_their_stamps():
     assert turned.pose.theta == pytest.approx(0.2 + 10 * 0.1 + 0.1, abs=0.05)
 
 
+def test_a_gap_of_the_odometry_does_not_contradict_the_gyro():
+    found = started(OdometryConfig(), max_extrapolation=0.5, use_gyro=True)
+    for number in range(1, 101):
+        found.on_gyro(GyroSample(100 * MS * number, 0.5, 1e-4))
+        if number < 11 or number == 100:
+            found.on_odometry(OdometryStep(100 * MS * number, Twist(0.4, 0.5), SMALL))
+    assert found.turns.contradiction() == ""
+
+
 @pytest.mark.parametrize("as_configured", [0.0, 0.5, 1.0])
 @pytest.mark.parametrize("use_gyro", [False, True])
 def test_the_reported_twist_is_the_motion_of_the_reported_pose(as_configured, use_gyro):
