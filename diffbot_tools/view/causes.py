@@ -9,6 +9,7 @@ import numpy as np
 
 from diffbot_control.law.configuration import SwitchingConfig
 from diffbot_core.kinematics import WheelGeometry
+from diffbot_tools.figures import MAX_VAR_THETA
 from diffbot_tools.view.columns import Array, Columns
 from diffbot_tools.view.texts import ERROR, WARNING
 
@@ -86,12 +87,18 @@ def _fixes(part: Mapping[str, Columns], config: SwitchingConfig) -> list[tuple[i
     if fixes is None or truth is None or len(fixes["t"]) < _MIN_FIXES or len(truth["t"]) < 2:
         return []
     x, y = (fixes[name] - np.interp(fixes["t"], truth["t"], truth[name]) for name in ("x", "y"))
-    turns = np.exp(1j * (fixes["theta"] - np.interp(fixes["t"], truth["t"], np.unwrap(truth["theta"]))))
+    heading = np.where(truth.get("tt", np.zeros(1)) > MAX_VAR_THETA, nan, np.unwrap(truth["theta"]))
+    turns = np.exp(1j * (fixes["theta"] - np.interp(fixes["t"], truth["t"], heading)))
+    turns = turns[np.isfinite(turns)]
     distance, spread = hypot(float(x.mean()), float(y.mean())), hypot(float(x.std()), float(y.std()))
-    mean = turns.mean()
-    turn, turn_spread = abs(float(np.angle(mean))), float(np.angle(turns / mean).std())
-    chance, tolerance = _CHANCE / len(turns) ** 0.5, config.tolerance
+    turn = turn_spread = 0.0
+    if len(turns):
+        mean = turns.mean()
+        # The mean of random headings is short, so its direction is chance.
+        turn, turn_spread = abs(float(np.angle(mean))), float(np.angle(turns / mean).std() / abs(mean))
+    chance, tolerance = _CHANCE / len(x) ** 0.5, config.tolerance
     is_off = distance > max(tolerance.xy_goal_tolerance, chance * spread)
     if is_off or turn > max(tolerance.yaw_goal_tolerance, chance * turn_spread):
-        return [(ERROR, f"The fixes were {distance:.2f} m and {degrees(turn):.0f} deg off the truth")]
+        angle = f" and {degrees(turn):.0f} deg" if len(turns) else ""
+        return [(ERROR, f"The fixes were {distance:.2f} m{angle} off the truth")]
     return []

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from diffbot_control.filter.covariance import uncertainty_of
+from diffbot_control.filter.models import UNKNOWN_HEADING
 from diffbot_control.law.configuration import DockingConfig
 from diffbot_control.law.docking_axis import APPROACH_LENGTH, CORRIDOR, MAX_UNCERTAINTY
 from diffbot_control.ros.messages.fields import planar_covariance, pose_of, stamp_ns, twist_from
@@ -261,6 +262,8 @@ class RobotModel:
 
     def _on_fix(self, message: Any) -> None:
         stamp, fix = _stamped_pose(message)
+        if message.pose.covariance[35] >= UNKNOWN_HEADING:
+            fix = fix._replace(theta=math.nan)
         time = self._clock.of(stamp)
         self._row("fixes", time, *fix)
 

@@ -69,3 +69,16 @@ def test_wrong_fixes_are_named_with_their_mean_error():
     fixes = curves["fixes"]
     curves["fixes"] = fixes | {"y": fixes["y"] + 0.4, "theta": fixes["theta"] + np.pi}
     assert found(curves) == [(ERROR, "The fixes were 0.40 m and 180 deg off the truth")]
+
+
+def test_headings_of_fixes_that_say_nothing_are_no_cause():
+    curves = drive()
+    for seed in range(5):
+        headings = np.random.default_rng(seed).uniform(-np.pi, np.pi, 201)
+        curves["fixes"] = curves["fixes"] | {"theta": headings}
+        assert found(curves) == []
+    curves["fixes"] = curves["fixes"] | {"theta": np.full(201, np.nan), "y": curves["fixes"]["y"] + 0.4}
+    assert found(curves) == [(ERROR, "The fixes were 0.40 m off the truth")]
+    curves = drive()
+    curves["truth"] = curves["truth"] | {"theta": np.full(201, 1.5), "tt": np.full(201, 1e6)}
+    assert found(curves) == []
