@@ -137,14 +137,16 @@ class Filter(Localization):
             time: [s] time of the odometry, later than the time of the previous odometry.
             v: [m/s]
             omega: [rad/s]
-            sigma: standard deviations of ``v`` [m/s] and ``omega`` [rad/s]; if zero, alpha1 to alpha3 define them.
+            sigma: standard deviations of ``v`` [m/s] and ``omega`` [rad/s]; if one is 0, alpha1 to alpha3 define them.
 
         Raises:
             DiffbotError: before the first fix, or if an argument is not allowed.
         """
         twist = Twist(number_of("v", v, MAX_SPEED, "m/s"), number_of("omega", omega, MAX_SPEED, "rad/s"))
         sigma_v, sigma_omega = sigma_of(sigma)
-        covariance = TwistCovariance(sigma_v**2, 0.0, sigma_omega**2)
+        # As in a message, one zero makes both deviations unknown.
+        is_known = sigma_v > 0.0 and sigma_omega > 0.0
+        covariance = TwistCovariance(sigma_v**2, 0.0, sigma_omega**2) if is_known else TwistCovariance(0.0, 0.0, 0.0)
         return self.on_odometry(OdometryStep(round(time_of(time) * NS_PER_S), twist, covariance)).pose
 
     @property

@@ -145,6 +145,16 @@ def test_a_filter_averages_two_equally_certain_fixes():
     assert ekf.sigma.xy == pytest.approx(0.1 / math.sqrt(2.0), rel=0.02)
 
 
+@pytest.mark.parametrize("sigma", [(0.05, 0.0), (0.0, 0.05)])
+def test_odometry_of_which_one_deviation_is_unknown_is_not_exact(sigma):
+    one, other = diffbot.Filter(), diffbot.Filter()
+    for ekf, given in ((one, sigma), (other, (0.0, 0.0))):
+        ekf.fix(0.0, (0.0, 0.0, 0.0), sigma=(0.1, 0.01))
+        for number in range(1, 11):
+            ekf.odometry(0.1 * number, 0.5, 0.1, given)
+    assert one.sigma == other.sigma
+
+
 def step_back(controller):
     for time in (1.0, 0.9):
         controller.step(time, (0.0, 0.0, 0.0))
