@@ -62,6 +62,8 @@ class KnownNoise(NamedTuple):
     """use R even if a message has a covariance"""
     parameters: str = ""
     """names of the parameters that set R, for the error text"""
+    sigmas: tuple[float, ...] = ()
+    """deviations of the parameters; with ``always``, those that are not 0 replace the deviations of a message"""
 
     def covariance_or_fallback(self, read: Callable[[], Array]) -> Array:
         """Return the covariance that ``read`` returns, or R if this covariance is unknown or overridden.
@@ -72,7 +74,7 @@ class KnownNoise(NamedTuple):
         if self.always and self.R is not None:
             return self.R
         try:
-            return read()
+            return self._overridden(read()) if self.always and any(self.sigmas) else read()
         except UnknownCovarianceError as error:
             if self.R is None and self.parameters:
                 remedy = f"set {self.parameters}, or have the driver fill the covariance"
@@ -80,6 +82,12 @@ class KnownNoise(NamedTuple):
             if self.R is None:
                 raise
             return self.R
+
+    def _overridden(self, R: Array) -> Array:
+        given, result = np.flatnonzero(self.sigmas), R.copy()
+        result[given, :] = result[:, given] = 0.0
+        result[given, given] = np.square(self.sigmas)[given]
+        return result
 
 
 def diagonal(sigmas: Sequence[float]) -> Array | None:
@@ -282,7 +290,7 @@ def sensors_of(config: EkfNodeConfig, transforms: Transforms) -> list[Sensor]:
     dock: Any = config.dock
 
     def known(*sigmas: float) -> KnownNoise:
-        return KnownNoise(diagonal(sigmas), noise.override_covariance)
+        return KnownNoise(diagonal(sigmas), noise.override_covariance, sigmas=sigmas)
 
     sensors: list[Sensor] = [FixSensor(GLOBAL_POSE, FIXES, global_pose_noise(config), frame, 0.0)]
     for one in config.localization.sources.settings():
@@ -304,7 +312,7 @@ def global_pose_noise(config: EkfNodeConfig) -> KnownNoise:
     """Return the fallback covariance of ``global_pose`` and ``initialpose``."""
     xy, yaw = config.noise.global_pose_sigma_xy, config.noise.global_pose_sigma_yaw
     names = "global_pose_sigma_xy and global_pose_sigma_yaw"
-    return KnownNoise(diagonal((xy, xy, yaw)), config.noise.override_covariance, names)
+    return KnownNoise(diagonal((xy, xy, yaw)), config.noise.override_covariance, names, (xy, xy, yaw))
 
 
 def stamped_pose(message: Any, frame: str, noise: KnownNoise) -> tuple[int, Pose, Array]:

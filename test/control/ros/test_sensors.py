@@ -73,6 +73,15 @@ def test_the_parameters_replace_an_unknown_covariance():
     assert overriding.read(imu()).gyro.variance == pytest.approx(9e-4)
 
 
+@pytest.mark.parametrize(("name", "variances"), [("xy", (0.09, 0.09, None)), ("yaw", (None, None, 0.09))])
+def test_a_single_deviation_overrides_its_part_of_a_covariance(name, variances):
+    sensor = sensors(override_covariance=True, **{f"global_pose_sigma_{name}": 0.3})["global_pose"]
+    before = sensors()["global_pose"].read(fix()).measurements[0].R
+    R = sensor.read(fix()).measurements[0].R
+    expected = [old if new is None else new for old, new in zip(np.diag(before), variances, strict=True)]
+    np.testing.assert_allclose(R, np.diag(expected))
+
+
 def test_a_message_with_a_zero_stamp_is_refused():
     found = sensors(use_gyro=True)
     for topic, message in {"global_pose": fix(0.0), "heading": heading(0.0), "imu": timed(imu(), 0.0)}.items():
