@@ -350,7 +350,8 @@ class Supervisor:
         self._follow(GoalEvent.GOAL, f"by a newer goal ({request.source})" if request.source else "")
         self.goals.accept(request)
         self.accepted += 1
-        self.clock.on_goal()
+        if not is_replanned:
+            self.clock.on_goal()
         self.goals_ahead = list(goals)
         self.waypoint, self.waypoints, self.updates = waypoint, waypoints, 0
         self._waits, self.is_stale, self.reason, self.has_failed = True, False, "", False

@@ -61,7 +61,7 @@ class PoseClock:
         self.advances = False
         """True if the stamp of the newest pose was later than all earlier stamps; only such a pose is a sign of life"""
         self.silence = 0.0
-        """[s] time since the last pose whose stamp advanced, or since the last goal if it is newer"""
+        """[s] time since the last pose whose stamp advanced, or since the last new goal if it is newer"""
         self.suspension = 0.0
         """[s] time between the last two events, on the steady clock"""
         self._stamps, self._lateness = StampWatch(), Lateness()

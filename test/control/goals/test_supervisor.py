@@ -312,6 +312,15 @@ def test_a_path_that_is_planned_again_to_the_same_goal_does_not_count_as_progres
     assert time_to_end([GOAL, Pose(0.5, 0.0, 0.0)]) is None, "another goal begins anew"
 
 
+def test_a_path_that_is_planned_again_without_poses_ends_after_pose_lost_timeout():
+    story = Story(pose_lost_timeout=5.0)
+    story.pose()
+    for _ in range(6):
+        story.supervisor.on_path([AWAY, GOAL])
+        story.wait(1.0)
+    assert POSE_LOST in [record.end for record in story.supervisor.goals.ended]
+
+
 @pytest.mark.parametrize("hold_goal", [False, True])
 def test_a_goal_that_is_reached_with_a_doubtful_pose_names_the_fault(hold_goal):
     story = driving(hold_goal=hold_goal)
