@@ -38,11 +38,16 @@ def cut(
         progress: called with 1 for each message.
 
     Raises:
-        DiffbotError: if ``keep`` does not select any topic, a bag is damaged, or the new bag cannot be written.
+        DiffbotError: if ``keep`` does not select any topic, the bags have different definitions of its type, a bag is
+            damaged, or the new bag cannot be written.
     """
     topics = {name: topic for name, topic in bags.topics.items() if keep(topic)}
     if not topics:
         raise DiffbotError(shown(f"no topic of the bag is selected: select from {', '.join(bags.topics)}"))
+    for name, topic in topics.items():
+        hashes = {reader.topics[name].type_hash for reader in bags.readers if name in reader.topics}
+        if len(hashes - {""}) > 1:  # the new bag has one definition, with which the other messages could not be read
+            raise DiffbotError(shown(f"{name}: the bags were recorded with different definitions of {topic.type}"))
     with new_bag(output) as writer:
         channels = {}
         for name, topic in topics.items():

@@ -90,6 +90,17 @@ def test_a_cut_without_topics_is_refused_and_nothing_is_written(tmp_path):
     assert sorted(one.name for one in tmp_path.iterdir()) == ["a.mcap"]
 
 
+def test_bags_with_different_definitions_of_a_type_are_not_merged(tmp_path):
+    for name, type_hash in (("old", "RIHS01_00"), ("new", "")):
+        with new_bag(tmp_path / name) as writer:
+            channel = writer.add_topic("/same", POINT, type_hash=type_hash)
+            writer.write(channel, point(1), BEGIN, BEGIN)
+    error = pytest.raises(DiffbotError, match=f"/same: the bags were recorded with different definitions of {POINT}")
+    with closing(MergedBags([tmp_path / "old", tmp_path / "new"])) as bags, error:
+        cut(bags, tmp_path / "both")
+    assert not (tmp_path / "both").exists()
+
+
 ROWS = st.lists(st.tuples(st.sampled_from(["/point", "/map"]), st.integers(0, 30)), max_size=30)
 
 
