@@ -23,7 +23,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from diffbot_control.goals.record import REFUSED, RESTART_TIMEOUT, end_text, goal_id
+from diffbot_control.goals.record import MAX_PATH_POSES, REFUSED, RESTART_TIMEOUT, end_text, goal_id
 from diffbot_control.ros.messages.conversions import goal_message
 from diffbot_control.ros.messages.fields import fill_duration
 from diffbot_core.errors import DiffbotError
@@ -191,10 +191,13 @@ class GoalClient(Node):  # type: ignore[misc]
         """Send a goal, or a path of several poses, and wait until the controller accepts it.
 
         Raises:
-            GoalRefusedError: if the controller refuses the goal; ``task`` is then the previous task.
+            GoalRefusedError: if the controller refuses the goal, or the path is longer than MAX_PATH_POSES; ``task`` is
+                then the previous task.
             NoControllerError: if no controller answers within ``timeout`` [s], or if ``is_stopped`` returns True. If
                 ``task.is_sent``, the controller may still have accepted the goal: call :meth:`cancel`.
         """
+        if len(poses) > MAX_PATH_POSES:  # the controller does not read, and so does not answer, a far longer message
+            raise GoalRefusedError(f"goal refused: path too long: {len(poses)} poses, at most {MAX_PATH_POSES}")
         # The system clock, even if time is simulated, because the stamp identifies the goal.
         frame, stamp = frame or self.frame, time.time_ns()
         previous, self.task = self.task, GoalTask(goal_id(frame, stamp))
