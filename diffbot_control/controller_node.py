@@ -256,6 +256,8 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
             self.health.counted[f"{self._pose_topic} without a later stamp"] += 1
         if command is not None:
             self.outputs.commands.send(command, stamp)
+            if command != STOP and not self.outputs.commands.is_open:
+                supervisor.on_unsent()
             if supervisor.is_beyond_limits:
                 self.health.counted["commands beyond lowered limits"] += 1
                 self.get_logger().warning(BEYOND_LIMITS, throttle_duration_sec=STATE_LOG_PERIOD)

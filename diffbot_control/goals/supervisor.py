@@ -264,6 +264,10 @@ class Supervisor:
             command = self._follow(GoalEvent.LOST, f"no pose for pose_lost_timeout = {lost:g} s")
         return command or self._stop_if_overdue(must_stop)
 
+    def on_unsent(self) -> None:
+        """Record that the last command was not sent: the robot stands, and the next command starts from rest."""
+        self._stop_at_once()
+
     def on_stop(self, reason: str) -> None:
         """End the current goal as cancelled, because the node stops; the node itself sends zero."""
         self._follow(GoalEvent.STOP, reason)

@@ -82,6 +82,11 @@ class CommandOutput:
         if not self._is_automatic:
             self._open(self._type)
 
+    @property
+    def is_open(self) -> bool:
+        """False while nothing is published, because the type is unknown."""
+        return self._publisher is not None
+
     def _open(self, kind: str) -> None:
         self._command = TwistStamped() if kind == TWIST_STAMPED else TwistMessage()
         if isinstance(self._command, TwistStamped):

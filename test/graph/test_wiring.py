@@ -1,8 +1,10 @@
 """Faults of the wiring: commands that no base receives, inputs without a matching publisher, second publishers."""
 
 import contextlib
+import itertools
 import json
 import threading
+import time
 
 import graph
 import pytest
@@ -17,7 +19,9 @@ from diffbot_bag.recorder_node import RecorderNode
 from diffbot_control.controller_node import ControllerNode
 from diffbot_control.ekf_node import EkfNode
 from diffbot_core.endpoints import TWIST, TWIST_STAMPED
+from diffbot_core.geometry import Pose
 from diffbot_core.ros import watches
+from diffbot_core.uncertainty import CERTAIN
 from diffbot_sim.plant_node import PlantNode
 from diffbot_tools import cli
 
@@ -78,6 +82,27 @@ def test_commands_follow_the_type_of_the_present_base(nodes, capfd):
         wait_for_type(nodes, TWIST)
     with base(Twist, TwistStamped):
         wait_for_problem(nodes, "set cmd_vel_type to")
+
+
+def test_a_base_that_starts_after_the_goal_is_accelerated_from_rest(nodes):
+    limits = {"linear.x.max_velocity": 1.0, "linear.x.max_acceleration": 4.0}
+    node = nodes.add(ControllerNode, {**limits, "pose_timeout": 60.0})
+    commands, stamps = node.outputs.commands, itertools.count(10**9, 50_000_000)
+    send_goal(nodes, 50.0, 0.0, 0.0)
+    nodes.peer.spin_until(lambda: node.supervisor.goal is not None, what="the goal")
+
+    def drive():
+        time.sleep(0.05)
+        node.take_pose(next(stamps), Pose(0.0, 0.0, 0.0), CERTAIN)
+        return commands.is_open
+
+    assert not any(drive() for _ in range(10))
+    with base(Twist):
+        graph.wait_for(drive, what="the publisher")
+        assert 0.0 <= commands.newest.v <= 0.2, "the first command that the base can receive"
+        for _ in range(10):
+            drive()
+    assert commands.newest.v == pytest.approx(1.0)
 
 
 def test_a_recorder_in_the_same_process_records_the_commands_with_the_type_of_a_base_that_starts_later(
