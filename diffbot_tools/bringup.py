@@ -301,6 +301,17 @@ def check_limits(nodes: Collection[str], ros_arguments: Sequence[str]) -> None:
     )
 
 
+def relative_tf(nodes: Collection[str], ros_arguments: Sequence[str]) -> list[str]:
+    """Return ROS arguments that put TF into the namespace of the robot, as the launch files do; none with frame_prefix.
+
+    Arguments as for :func:`check_limits`. Recorder and replay keep the names of all topics.
+    """
+    robots = [node for node in nodes if node not in ("recorder", "replay")]
+    if any(_values_given(node, ros_arguments).get("frame_prefix") for node in robots):
+        return []
+    return [word for node in robots for old, new in RELATIVE_TF for word in ("-r", f"{node}:{old}:={new}")]
+
+
 def _values_given(node: str, words: Sequence[str]) -> dict[str, Any]:
     """Return the parameters that files and ``-p`` arguments give a node; ``-p`` overrides files, as in rcl."""
     full_name, values = _full_name(node, words), dict[str, Any]()

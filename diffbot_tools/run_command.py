@@ -83,6 +83,9 @@ def run_nodes(names: list[str], ros_args: list[str]) -> int:
     end_on_signals(0)
     if "controller" in members:
         importlib.import_module(bringup).check_limits(members, ros_args)
+    if any("__ns:=" in word for word in ros_args):
+        # Last, since the first rule for a name applies.
+        ros_args = [*ros_args, *importlib.import_module(bringup).relative_tf(members, ros_args)]
     entries = [entry for name, entry in NODES.items() if name in names]
     factories = [getattr(importlib.import_module(entry.module), entry.factory) for entry in entries]
 

@@ -82,6 +82,28 @@ def test_lockstep_sets_what_its_nodes_need_and_refuses_two_controllers(capsys, m
     assert "only one node may publish cmd_vel" in capsys.readouterr().err
 
 
+def test_a_robot_in_a_namespace_has_its_own_tf_unless_its_frames_have_a_prefix(monkeypatch, kept_signal_handlers):
+    from rclpy.context import Context
+    from rclpy.node import Node
+
+    given = []
+    monkeypatch.setattr("diffbot_core.ros.run.run", lambda _make, words: given.append(words) or 0)
+    arguments = ["run", "ekf", "--with", "plant", "recorder", "--ros-args"]
+    own = ["-r", "ekf:/tf:=tf", "-r", "ekf:/tf_static:=tf_static"]
+    own += ["-r", "plant:/tf:=tf", "-r", "plant:/tf_static:=tf_static"]
+    namespace, prefix = ["-r", "__ns:=/robot1"], ["-p", "frame_prefix:=robot1/"]
+    for words, added in (([], []), (namespace, own), ([*namespace, *prefix], [])):
+        assert cli.main([*arguments, *words]) == 0
+        assert given[-1] == ["--ros-args", *words, *added]
+    context = Context()
+    context.init(given[1])
+    for name, topic in (("plant", "/robot1/tf"), ("recorder", "/tf")):
+        node = Node(name, context=context)
+        assert node.resolve_topic_name("/tf") == topic
+        node.destroy_node()
+    context.shutdown()
+
+
 @pytest.mark.graph
 @pytest.mark.parametrize(
     ("words", "line"),
