@@ -117,7 +117,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         self._has_power = False
         """newest state of the contact switch, None before the first message; True if a charger supplies the robot"""
         self.subscribe(Bool, "dock_contact", self._on_switch)
-        self.subscribe(BatteryState, "battery_state", self._on_battery)
+        self.subscribe(BatteryState, "battery_state", self._on_battery, sensor_qos(config.reliable_inputs))
         self._pose_topic = "pose" if config.pose_source == "pose" else "odometry/filtered"
         self._receive_poses(self._pose_topic)
         self._pose_publisher = PosePublisherWatch(self, self._pose_topic)

@@ -23,7 +23,10 @@ ALL_INPUTS = {
     PlantNode: {"start_paused": True},
 }
 OTHER_INPUTS = {EkfNode: {"odometry_source": "joint_states"}, ControllerNode: {"pose_source": "odometry"}}
-SENSORS = ("odom", "joint_states", "global_pose", "heading", "imu", "landmarks", "pose", "odometry/filtered")
+SENSORS = (
+    *("odom", "joint_states", "global_pose", "heading", "imu", "landmarks", "pose", "odometry/filtered"),
+    "battery_state",
+)
 RELIABLE_OUTPUTS = ("cmd_vel", "pose", "odometry/filtered", "odom", "global_pose", "heading")
 """RViz2, Nav2 and robot_localization request reliable delivery of these."""
 LATCHED_OUTPUTS = ("ekf/status", "controller/status", "controller/goal_status", "controller/goal_results")
