@@ -164,28 +164,29 @@ class Navigator(GoalClient):
         if not self._waypoints or self.getResult() != TaskResult.SUCCEEDED:
             return False
         (pose, *later), number = self._waypoints, self._waypoint + 1
-        is_accepted = self._send_poses([pose.header.frame_id or self.frame], [pose])
+        # A program must not hang because the controller has ended between two waypoints.
+        is_accepted = self._send_poses([pose.header.frame_id or self.frame], [pose], _SERVICE_TIMEOUT)
         if not is_accepted:
             self.task = GoalTask(self.task.id)
             self.task.close(goal_record.REFUSED, f"waypoint {number}, see the log")
         self._waypoints, self._waypoint = later if is_accepted else [], number
         return is_accepted
 
-    def _send_poses(self, names: list[str], poses: Sequence[PoseStamped]) -> bool:
-        """Send poses; ``names`` are their frames."""
+    def _send_poses(self, names: list[str], poses: Sequence[PoseStamped], timeout: float = math.inf) -> bool:
+        """Send poses; ``names`` are their frames, ``timeout`` [s] is for the answer."""
         if (number := len(set(names))) != 1:
             self.error(f"{len(poses)} poses in {number} frames: give at least one pose, and all poses in one frame")
             return False
         try:
-            return self._send(self, [pose_of(pose.pose) for pose in poses], names[0])
+            return self._send(self, [pose_of(pose.pose) for pose in poses], names[0], timeout)
         except BadMessageError as error:
             self.error(str(error))
             return False
 
-    def _send(self, client: GoalClient, poses: list[Pose], frame: str = "") -> bool:
+    def _send(self, client: GoalClient, poses: list[Pose], frame: str = "", timeout: float = math.inf) -> bool:
         """Send a goal with one of the two clients; return True if it is accepted, otherwise log the reason."""
         try:
-            client.send_goal(poses, frame)
+            client.send_goal(poses, frame, timeout)
         except DiffbotError as error:
             self.error(str(error))
             return False
