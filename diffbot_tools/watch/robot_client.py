@@ -161,8 +161,9 @@ class RobotClient:
             done = self._client.setInitialPose(goal_message(request.pose, self._config.map_frame, 0))
             return ("initial pose set", 0) if done else ("the filter did not accept the initial pose", 2)
         if request.kind == "cancel":
-            is_docking = self._active is self._dock_client and not self._dock_client.task.end
-            return self._call("cancel_dock" if is_docking else "cancel", Trigger.Request())
+            # Both controllers, since the goal may be of another client.
+            names = [one for one in ("cancel_dock", "cancel") if self._services[one].service_is_ready()] or ["cancel"]
+            return min((self._call(one, Trigger.Request()) for one in names), key=lambda answer: answer[1])
         if request.kind == "pause":
             text, level = self._call("pause", SetBool.Request(data=request.is_on))
             if level == 0:

@@ -2,7 +2,10 @@
 
 from types import SimpleNamespace
 
+import pytest
+
 from diffbot_control.law.configuration import DockingConfig
+from diffbot_tools.view.requests import Request
 from diffbot_tools.watch.robot_client import RobotClient
 
 
@@ -30,3 +33,23 @@ def test_a_restarted_node_is_asked_for_its_parameters_again():
         backward._replace(staging_distance=0.6),
     ]
     assert [one.services["pause"]["isOn"] for one in infos] == [True, False, False]
+
+
+@pytest.mark.parametrize(
+    ("answers", "answer"),
+    [
+        ({"cancel_dock": 0, "cancel": 2}, 0),  # a docking that another client has started
+        ({"cancel_dock": 2, "cancel": 0}, 0),
+        ({"cancel_dock": 2, "cancel": 2}, 2),
+        ({"cancel": 0}, 0),
+        ({"cancel_dock": 0}, 0),
+        ({}, 2),
+    ],
+)
+def test_cancel_stops_each_controller_that_runs(answers, answer):
+    client, called = object.__new__(RobotClient), []
+    names = ("cancel_dock", "cancel")
+    client._services = {name: SimpleNamespace(service_is_ready=lambda name=name: name in answers) for name in names}
+    client._call = lambda name, _: called.append(name) or (name, answers.get(name, 2))
+    assert client._call_services(Request("cancel", ""))[1] == answer
+    assert called == (list(answers) or ["cancel"])
