@@ -172,12 +172,13 @@ class BagReader:
         """Iterate over the messages as bytes, in the order of log time, then in the order of the files.
 
         Args:
-            topics: names of the topics to read; None for all.
+            topics: names of the topics to read, or the name of one topic; None for all.
             start: [ns] earliest log time, included.
             end: [ns] latest log time, included.
             reverse: iterate from the latest message to the earliest.
         """
-        selected = self._topics_by_channel(self.topics if topics is None else frozenset(topics))
+        names = (topics,) if isinstance(topics, str) else topics
+        selected = self._topics_by_channel(self.topics if names is None else frozenset(names))
         earliest, latest = 0 if start is None else start, MAX_TIME if end is None else end
 
         def is_needed(block: Block) -> bool:

@@ -165,6 +165,7 @@ def test_messages_are_selected_by_topic_and_time(bag):
         assert not list(reader.messages(start=reader.end + 1))
         assert not list(reader.messages(start=BEGIN + 1, end=BEGIN))
         assert not list(reader.messages([]))
+        assert [message.topic for message in reader.messages("/a", end=BEGIN + STEP)] == ["/a", "/a"]
         found = reader.latched_before(BEGIN + 10 * STEP, ["/b", "/a", "/text", "/none"])
         assert [(message.topic, message.log_time - BEGIN) for message in found] == [
             ("/text", 0), ("/a", 9 * STEP), ("/b", 9 * STEP + STEP // 2),
