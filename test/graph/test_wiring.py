@@ -14,6 +14,7 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist, Twi
 from nav_msgs.msg import Odometry
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from robot import LATCHED, stamped_goal
+from std_msgs.msg import String
 
 from diffbot_bag.recorder_node import RecorderNode
 from diffbot_control.controller_node import ControllerNode
@@ -24,6 +25,7 @@ from diffbot_core.ros import watches
 from diffbot_core.uncertainty import CERTAIN
 from diffbot_sim.plant_node import PlantNode
 from diffbot_tools import cli
+from diffbot_tools.live.ros.observer import Observer
 
 IMPATIENT = {"pose_lost_timeout": 3.0}
 BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -257,6 +259,19 @@ def next_report(nodes, name):
     nodes.reports.clear()
     nodes.peer.spin_until(lambda: len(statuses(nodes, name)) >= 2, what="two reports")
     return statuses(nodes, name)[-1]
+
+
+@pytest.mark.parametrize(("topic", "received"), [("/r1/tf", "/r1/tf"), ("/tf", "/tf")])
+def test_the_check_receives_tf_from_the_namespace_of_the_robot_or_from_all(nodes, topic, received):
+    nodes.peer.publisher(String, topic)
+    observer = Observer("r1", {}, [])
+    try:
+        graph.wait_for(lambda: observer._node.count_publishers(topic), what="the publisher")
+        node = observer.transform_node()
+        assert node.resolve_topic_name("/tf") == received
+        assert node.resolve_topic_name("/tf_static") == f"{received}_static"
+    finally:
+        observer.close()
 
 
 def test_two_controllers_on_one_cmd_vel_are_logged_once_by_each_and_reported_until_one_ends(nodes, capfd):

@@ -6,7 +6,6 @@ import os
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from functools import partial
 from typing import Any
 
 import rclpy
@@ -29,6 +28,7 @@ from diffbot_core.ros.qos import LATCHED, SENSOR
 from diffbot_core.ros.watches import CLOCK_TOPIC
 from diffbot_core.schema import build, parameters_of
 from diffbot_core.stamps import NS_PER_S
+from diffbot_tools.bringup import RELATIVE_TF
 from diffbot_tools.live.report import (
     Line,
     ObservedRobot,
@@ -85,8 +85,10 @@ class Observer:
 
     def close(self) -> None:
         """Leave the graph."""
+        nodes = {self._node, *self._executor.get_nodes()}
         self._executor.shutdown()
-        self._node.destroy_node()
+        for node in nodes:
+            node.destroy_node()
         self._node.context.try_shutdown()
 
     def observe(self, duration: float) -> tuple[list[Line], bool]:
@@ -96,7 +98,8 @@ class Observer:
         self._spin(_DISCOVERY)
         self._read_parameters()
         config = build(EkfNodeConfig, self._values["ekf"])
-        streams = Streams(config, LastTransform(partial(transforms_of, self._node, config.sensor_timeout)))
+        transforms = LastTransform(lambda: transforms_of(self.transform_node(), config.sensor_timeout))
+        streams = Streams(config, transforms)
         inputs = {name: (kind,) for name, kind in _INPUTS.items()}
         inputs |= {name: (one.message_type,) for name, one in streams.sensors.items()}
         kinds = inputs | _OUTPUTS
@@ -110,6 +113,17 @@ class Observer:
         graphs = {name: self._graph(name, topics[name], kinds[name][0]) for name in kinds}
         outputs = {name: graphs[name] for name in _OUTPUTS}
         return self._report({name: graphs[name] for name in inputs}, outputs, streams, duration), streams.has_moved
+
+    def transform_node(self) -> Node:
+        """Return a node that receives TF from the namespace of the robot if it is published there, else from /tf."""
+        own = self._node.get_namespace().rstrip("/")
+        if own and any(publishers_of(self._node, f"{own}/{name}") for _, name in RELATIVE_TF):
+            rules = [word for old, new in RELATIVE_TF for word in ("-r", f"{old}:={new}")]
+            options = {"cli_args": ["--ros-args", *rules], "context": self._node.context}
+            node = Node("diffbot_check_tf", namespace=own, start_parameter_services=False, **options)
+            self._executor.add_node(node)
+            return node
+        return self._node
 
     def _report(
         self, inputs: Mapping[str, TopicGraph], outputs: Mapping[str, TopicGraph], streams: Streams, duration: float
