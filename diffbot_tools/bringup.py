@@ -167,7 +167,8 @@ def plan(values: Mapping[str, Any], share: Path, *, simulate: bool) -> list[Node
     # Frames with a prefix are distinct, so that all robots can share /tf.
     remappings = () if "frame_prefix" in values else RELATIVE_TF
     options = {"namespace": values.get("namespace", ""), "ros_arguments": ("--log-level", values["log_level"])}
-    return [node._replace(remappings=remappings, **options) for node in nodes]
+    # A recorder with these rules would record the TF of this robot under the name /tf.
+    return [node._replace(remappings=() if node.name == "recorder" else remappings, **options) for node in nodes]
 
 
 def _parameters(values: Mapping[str, Any], *, simulate: bool) -> dict[str, dict[str, Any]]:

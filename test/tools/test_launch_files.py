@@ -121,4 +121,5 @@ def test_nodes_get_texts_verbatim_and_numbers_as_numbers(load, tmp_path):
     assert values["uri"].options == {"value_type": str}
     assert plant["parameters"][1]["initial_pose.x"] == 1.5
     assert {node.options["namespace"] for node in nodes} == {"r1"}
-    assert {tuple(node.options["remappings"]) for node in nodes} == {(("/tf", "tf"), ("/tf_static", "tf_static"))}
+    own_tf = (("/tf", "tf"), ("/tf_static", "tf_static"))
+    assert [tuple(node.options["remappings"]) for node in nodes] == [(), own_tf, own_tf, own_tf]
