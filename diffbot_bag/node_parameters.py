@@ -29,6 +29,7 @@ _SECRET = re.compile(r"passw|secret|token|credential|api_?key|private_?key", re.
 class NodeParameters:
     """Requests the parameters of each node once, and again if the node leaves the graph and returns.
 
+    A node that does not answer, because it is still starting, is asked once more after all other nodes.
     rclpy's AsyncParameterClient is not used: under SROS2 it needs the permission to set the parameters of all nodes.
     """
 
@@ -36,6 +37,8 @@ class NodeParameters:
         """Prepare to send requests from ``node``; ``attach`` receives the parameters of all nodes as JSON."""
         self._node, self._attach = node, attach
         self._requested: set[str] = set()
+        self._slow: set[str] = set()
+        """nodes that have not answered in time"""
         self._known: dict[str, dict[str, Any]] = {}
         self._changed = False
         self._attached = -ATTACH_PERIOD
@@ -47,9 +50,13 @@ class NodeParameters:
     def poll(self) -> None:
         """Continue with the requests. Call it a few times a second; it takes one or two milliseconds."""
         if self._request is not None:
-            if time.monotonic() > self._deadline or next(self._request, self) is self:
+            is_late = time.monotonic() > self._deadline
+            if is_late or next(self._request, self) is self:
                 self._request.close()
                 self._request = None
+            if is_late and self._name not in self._slow:
+                self._slow.add(self._name)
+                self._requested.discard(self._name)
         elif (name := self._next_node()) is not None:
             self._requested.add(name)
             self._name, self._deadline = name, time.monotonic() + DEADLINE
@@ -61,11 +68,12 @@ class NodeParameters:
         """Return the full name of a node whose parameters were not requested yet; None if there is none."""
         present = {f"{namespace.rstrip('/')}/{name}" for name, namespace in self._node.get_node_names_and_namespaces()}
         self._requested &= present
+        self._slow &= present
         new = {name for name in present - self._requested if not is_hidden(name)}
         if not new or len(self._requested) >= MAX_NODES:
             return None
         own = self._node.get_fully_qualified_name()
-        return own if own in new else min(new)
+        return own if own in new else min(new, key=lambda name: (name in self._slow, name))
 
     def _request_parameters(self, name: str) -> Generator[None, None, None]:
         """Request the names and then the values of a node's parameters; yield while waiting for an answer."""

@@ -1,6 +1,7 @@
 """The recorder: published messages are in the bag, byte by byte and in order, and lost messages are counted."""
 
 import itertools
+import json
 import time
 from types import SimpleNamespace
 from unittest import mock
@@ -244,6 +245,30 @@ def test_parameters_of_nodes_are_attached_while_recording_and_secrets_are_hidden
     assert {name: found["/asked"][name] for name in values} == values
     assert found["/recorder"]["uri"] == str(tmp_path / "run")
     assert "/a_silent_one" not in found
+
+
+def test_a_node_that_does_not_answer_is_asked_once_more_after_the_others(monkeypatch):
+    asked, attached = [], []
+
+    class Asking(node_parameters.NodeParameters):
+        def _request_parameters(self, name):
+            asked.append(name)
+            while name == "/dead" or (name == "/late" and asked.count(name) == 1):
+                yield
+            self._add(name, {"gain": 1.0})
+
+    names = ("dead", "fast", "late", "slow")
+    node = SimpleNamespace(
+        get_node_names_and_namespaces=lambda: [(name, "/") for name in names],
+        get_fully_qualified_name=lambda: "/recorder",
+    )
+    monkeypatch.setattr(node_parameters, "DEADLINE", 0.02)
+    asking = Asking(node, attached.append)
+    for _ in range(100):
+        asking.poll()
+        time.sleep(0.002)
+    assert asked == ["/dead", "/fast", "/late", "/slow", "/dead", "/late"]
+    assert sorted(json.loads(attached[-1])) == ["/fast", "/late", "/slow"]
 
 
 def test_a_publisher_whose_clock_is_behind_does_not_delay_the_end():
