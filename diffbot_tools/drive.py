@@ -41,6 +41,8 @@ MAX_DOMAIN = 232
 """largest ROS_DOMAIN_ID"""
 _CANCEL_TIMEOUT, _LAST_TIMEOUT = 5.0, 1.0
 """[s] longest time for a cancellation, and for the cancellation of a goal that the controller has not accepted"""
+_DOCKING = "dock_controller"
+"""default name of the controller that docks, which does not receive goals in the map"""
 _DISTANCE = 0.7
 """[m] distance of the staging pose from the docked pose, the default of the docking law"""
 _NEGATIVE = re.compile(r"-(\d+|\d*\.\d+)(deg)?")
@@ -131,7 +133,7 @@ def _add_docking(commands: Any) -> tuple[argparse.ArgumentParser, argparse.Argum
         )
         command.add_argument(
             "--docking-controller",
-            default="dock_controller",
+            default=_DOCKING,
             metavar="NAME",
             help="node that docks (default: %(default)s)",
         )
@@ -139,6 +141,10 @@ def _add_docking(commands: Any) -> tuple[argparse.ArgumentParser, argparse.Argum
 
 
 def _goal(options: argparse.Namespace) -> int:
+    if options.controller == _DOCKING:
+        # Another controller would receive the goal.
+        sentence = "it only docks: use diffbot dock or diffbot undock"
+        raise InvalidValueError("--controller", options.controller, sentence=sentence)
     given = {name: getattr(options, name) for name in GoalOptions._fields if hasattr(options, name)}
     return drive(GoalOptions(Pose(options.x, options.y, options.yaw), **given))
 
@@ -230,8 +236,8 @@ def _waiting_lines(controllers: list[str], options: GoalOptions) -> list[str]:
     for name in controllers:
         namespace, _, node = name.rpartition("/")
         flags = f" --namespace {namespace.strip('/')}" * bool(namespace)
-        flags += f" --controller {node}" * (node != "controller")
-        lines.append(f"  {name} is running: diffbot goal X Y YAW{flags}")
+        flags += f" --controller {node}" * (node not in ("controller", _DOCKING))
+        lines.append(f"  {name} is running: diffbot {'dock' if node == _DOCKING else 'goal X Y YAW'}{flags}")
     with contextlib.suppress(OSError):  # not Linux
         others = [one for one in used_domains(Path("/proc/net/udp").read_text()) if str(one) != own]
         if others:

@@ -4,7 +4,9 @@ import math
 
 import pytest
 
+from diffbot_core.geometry import Pose
 from diffbot_tools.cli import main
+from diffbot_tools.drive import GoalOptions, _waiting_lines
 
 
 @pytest.fixture
@@ -39,6 +41,17 @@ def test_with_the_pose_of_the_dock_the_robot_drives_to_the_staging_pose_first(se
 def test_undocking_sends_a_goal_on_the_axis_of_the_dock(sent, flags, x):
     assert main(["undock", *flags]) == 0
     assert sent[0].pose == (x, 0.0, 0.0)
+
+
+def test_a_goal_in_the_map_is_not_sent_to_the_controller_that_docks(sent, capsys):
+    assert main(["goal", "0", "0", "0", "--controller", "dock_controller"]) == 1
+    assert "it only docks: use diffbot dock or diffbot undock" in capsys.readouterr().err
+    assert not sent
+    lines = _waiting_lines(["/r1/dock_controller", "/r1/pilot"], GoalOptions(Pose(0.0, 0.0, 0.0)))
+    assert lines[1:3] == [
+        "  /r1/dock_controller is running: diffbot dock --namespace r1",
+        "  /r1/pilot is running: diffbot goal X Y YAW --namespace r1 --controller pilot",
+    ]
 
 
 def test_an_incomplete_pose_is_refused_in_one_line(sent, capsys):
