@@ -141,7 +141,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
 
     def cleanup(self) -> None:
         """Save the state, if there is a state file."""
-        self._save()
+        self._save(is_last=True)
 
     def state(self) -> str:
         """Return the message of ~/status: one of WAITING, RUNNING, SILENT, CONTRADICTED, INACTIVE."""
@@ -269,11 +269,14 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
             return None
         return keeper
 
-    def _save(self) -> None:
+    def _save(self, *, is_last: bool = False) -> None:
         if self._keeper is None:
             return
         try:
-            self._keeper.save(self.config.wheels)
+            if is_last:
+                self._keeper.save(self.config.wheels)
+            else:
+                self._keeper.start_save(self.config.wheels)
         except OSError as error:
             self.get_logger().error(f"cannot write state_file: {error.strerror or error}", throttle_duration_sec=60.0)
 

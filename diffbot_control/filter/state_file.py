@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -112,6 +114,8 @@ class StateKeeper:
         self._path = path
         self._localization = localization
         self._saved: int | None = None
+        self._worker = ThreadPoolExecutor(1, "state")
+        self._writing: Future[None] | None = None
 
     def restore(self, geometry: WheelGeometry) -> str:
         """Initialise the filter from the file if it exists; return a sentence for the log.
@@ -144,12 +148,37 @@ class StateKeeper:
                 set_errors(self._localization.filter, self._localization.options, _ERRORS[name][0], errors, P)
         return text
 
+    def start_save(self, geometry: WheelGeometry) -> None:
+        """Start to save the present state in a thread, because a busy disk would delay the poses.
+
+        Raises:
+            OSError: if the previous state could not be written.
+        """
+        if self._writing is not None and not self._writing.done():
+            return
+        try:
+            self._end_save()
+        finally:
+            self._submit(geometry)
+
     def save(self, geometry: WheelGeometry) -> None:
         """Save the present state if it is newer than the saved state.
 
         Raises:
             OSError: if the file cannot be written.
         """
+        with suppress(OSError):
+            self._end_save()
+        self._submit(geometry)
+        self._end_save()
+
+    def _end_save(self) -> None:
+        """Wait until the last state is written, and raise the error of its writing."""
+        writing, self._writing = self._writing, None
+        if writing is not None:
+            writing.result()
+
+    def _submit(self, geometry: WheelGeometry) -> None:
         try:
             estimate = self._localization.estimate()
         except BadMessageError:
@@ -161,9 +190,13 @@ class StateKeeper:
         for name, (first, _) in _ERRORS.items():
             part = slice(first, first + 3)
             if any(self._localization.options.variances[first - WHEELS : first - WHEELS + 3]):
-                errors[name] = x[part], P[part, part]
-        save_state(self._path, SavedState(estimate.pose, estimate.P, geometry, errors))
-        self._saved = estimate.stamp
+                errors[name] = x[part].copy(), P[part, part].copy()
+        state = SavedState(estimate.pose, estimate.P.copy(), geometry, errors)
+        self._writing = self._worker.submit(self._write, state, estimate.stamp)
+
+    def _write(self, state: SavedState, stamp: int) -> None:
+        save_state(self._path, state)
+        self._saved = stamp
 
     def delete(self) -> None:
         """Delete the file, so that a restart after a reset does not restore the old state.
@@ -171,5 +204,7 @@ class StateKeeper:
         Raises:
             OSError: if the file cannot be deleted.
         """
+        with suppress(OSError):
+            self._end_save()
         self._path.unlink(missing_ok=True)
         self._saved = None

@@ -2,11 +2,12 @@
 
 import json
 import math
+import threading
 
 import numpy as np
 import pytest
 
-from diffbot_control.filter import state
+from diffbot_control.filter import state, state_file
 from diffbot_control.filter.config import FilterConfig, LocalizationConfig
 from diffbot_control.filter.localization import Localization
 from diffbot_control.filter.odometry import OdometryStep
@@ -131,3 +132,27 @@ def test_a_state_is_not_saved_before_the_first_fix_twice_or_if_it_is_not_finite(
     found.filter.P[0, 0] = math.nan
     keeper.save(GEOMETRY)
     assert not path.exists()
+
+
+def test_a_busy_disk_does_not_delay_the_filter_and_the_last_state_is_saved(tmp_path, monkeypatch):
+    path, found, is_free = tmp_path / "state.json", Localization(LocalizationConfig()), threading.Event()
+    monkeypatch.setattr(state_file, "save_state", lambda *given: is_free.wait(20.0) and save_state(*given))
+    keeper = StateKeeper(path, found)
+    for second in range(3):
+        found.initialise(Pose(float(second), 0.0, 0.0), P, second * 10**9)
+        found.on_odometry(OdometryStep((second + 1) * 10**9, Twist(0.0, 0.0), TwistCovariance(1e-4, 0.0, 1e-4)))
+        keeper.start_save(GEOMETRY)
+    assert not path.exists()
+    is_free.set()
+    keeper.save(GEOMETRY)
+    assert load_state(path).pose == (2.0, 0.0, 0.0)
+
+
+def test_an_error_of_the_disk_is_raised_by_the_next_save(tmp_path):
+    path, found = tmp_path / "file" / "state.json", Localization(LocalizationConfig())
+    (tmp_path / "file").write_text("")
+    keeper = StateKeeper(path, found)
+    found.initialise(Pose(0.0, 0.0, 0.0), P, 0)
+    keeper.start_save(GEOMETRY)
+    with pytest.raises(OSError, match="file"):
+        keeper.save(GEOMETRY)
