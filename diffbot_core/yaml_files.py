@@ -82,10 +82,13 @@ class Section(NamedTuple):
     def is_nearly_for(self, node: str) -> bool:
         """Return True if the name of the section may be a misspelling of ``node``.
 
-        Names that extend the name of the node, such as ``controller_1`` and ``dock_controller``, belong to other nodes.
+        Names that extend the name of the node, such as ``controller_1`` and ``dock_controller``, belong to other nodes,
+        and so does ``controller`` for the node ``dock_controller``.
         """
         name = node.rpartition("/")[2]
-        if self.node in (name, *WILDCARDS) or self.node.startswith(f"{name}_") or self.node.endswith(f"_{name}"):
+        if self.node in (name, *WILDCARDS) or self.node.startswith(f"{name}_"):
+            return False
+        if self.node.endswith(f"_{name}") or name.endswith(f"_{self.node}"):
             return False
         return sorted(self.node) == sorted(name) or SequenceMatcher(None, self.node, name).ratio() >= _NEARLY
 

@@ -64,6 +64,7 @@ OTHERS = ["/**/controller_server", "/controller_1", "/dock_controller", "/**/pla
 def test_sections_of_other_nodes_are_not_refused(file, section):
     given(file(f"{section}: {{ros__parameters: {{a: 1}}}}")).add_node("/controller")
     given(file("/**/ekf: {ros__parameters: {a: 1}}\n/**/ekf2: {ros__parameters: {a: 1}}")).add_node("/ekf")
+    given(file("/**/controller: {ros__parameters: {a: 1}}")).add_node("/dock_controller")
 
 
 def test_a_file_without_a_section_for_a_node_of_the_process_is_refused(file):
