@@ -30,6 +30,9 @@ REQUIRED = (
 )
 """Limits of a robot. By default they are the limits of the paper's robot, or infinite."""
 CONTROLLER, EKF, PLANT = "controller", "ekf", "plant"
+DOCK_CONTROLLER = "dock_controller"
+CONTROLLERS = CONTROLLER, DOCK_CONTROLLER
+"""Nodes that drive the robot."""
 # In lock-step, a lost message would stop the graph, and a command must have the stamp of its step.
 _FILTER: dict[str, Any] = {"reliable_inputs": True}
 _DRIVER: dict[str, Any] = {"reliable_inputs": True, "cmd_vel_type": "twist_stamped", "publish_when_idle": True}
@@ -37,13 +40,13 @@ LOCKSTEP: dict[str, dict[str, Any]] = {
     EKF: _FILTER,
     CONTROLLER: _DRIVER,
     "dock_ekf": _FILTER,
-    "dock_controller": _DRIVER,
+    DOCK_CONTROLLER: _DRIVER,
     PLANT: {"cmd_vel_type": "twist_stamped"},
 }
 """Parameters of each node that lock-step requires."""
 _BOOLEAN = ("true", "false")
 _PATHS = "parameters", "urdf", "bag"
-_MEMBERS = {"robot": ("ekf", "controller"), "docking": ("dock_ekf", "dock_controller")}
+_MEMBERS = {"robot": ("ekf", "controller"), "docking": ("dock_ekf", DOCK_CONTROLLER)}
 """Nodes of each process that runs two nodes."""
 
 
@@ -203,7 +206,7 @@ def lockstep_parameters(nodes: Collection[str]) -> dict[str, dict[str, Any]]:
     Raises:
         InvalidValueError: if two of the nodes publish cmd_vel: the plant would use the command that arrives first.
     """
-    if {CONTROLLER, "dock_controller"}.issubset(nodes):
+    if set(CONTROLLERS).issubset(nodes):
         text = "in lock-step only one node may publish cmd_vel, not both controller and dock_controller"
         raise InvalidValueError("clock", "lockstep", sentence=text)
     return {node: LOCKSTEP[node] for node in nodes if node in LOCKSTEP}
@@ -251,16 +254,16 @@ def _given(values: Mapping[str, Any], *names: str) -> dict[str, Any]:
     return {name: values[name] for name in names if name in values}
 
 
-def check_data_sheet(file: Path) -> None:
-    """Refuse a parameter file that lacks limits of the robot in the section of the controller.
+def check_data_sheet(file: Path, node: str = CONTROLLER) -> None:
+    """Refuse a parameter file that lacks limits of the robot in the section of a controller.
 
     Raises:
         DiffbotError: naming the file and the missing parameters, or if the file cannot be read.
     """
-    values = values_for(file, CONTROLLER)
+    values = values_for(file, node)
     if missing := [name for name in REQUIRED if name not in values]:
         raise DiffbotError(
-            f"{file}: /**/controller lacks {', '.join(missing)}: a real robot is not driven without its limits"
+            f"{file}: /**/{node} lacks {', '.join(missing)}: a real robot is not driven without its limits"
         )
 
 
@@ -277,9 +280,15 @@ def check_limits(nodes: Collection[str], ros_arguments: Sequence[str]) -> None:
     Raises:
         DiffbotError: if limits are missing, or a file cannot be read.
     """
-    given = _values_given(CONTROLLER, ros_arguments)
+    for node in CONTROLLERS:
+        if node in nodes:
+            _check_limits_of(node, nodes, ros_arguments)
+
+
+def _check_limits_of(node: str, nodes: Collection[str], ros_arguments: Sequence[str]) -> None:
+    given = _values_given(node, ros_arguments)
     missing = [name for name in REQUIRED if name not in given]
-    if CONTROLLER not in nodes or not missing:
+    if not missing:
         return
     reason = "no plant runs in this process (--with plant)"
     if PLANT in nodes:
@@ -297,7 +306,7 @@ def check_limits(nodes: Collection[str], ros_arguments: Sequence[str]) -> None:
         print(f"diffbot: no --params-file describes the robot: it is driven with {used}", file=sys.stderr, flush=True)
         return
     raise DiffbotError(
-        f"the controller has no {', '.join(missing)}, and {reason}. A robot is not driven without its limits: give "
+        f"the {node} has no {', '.join(missing)}, and {reason}. A robot is not driven without its limits: give "
         "them in the section /** of a --params-file, as the file of `diffbot robot new` does"
     )
 

@@ -16,6 +16,7 @@ from launch_ros.parameter_descriptions import ParameterValue
 
 from diffbot_core.errors import DiffbotError
 from diffbot_tools.bringup import (
+    CONTROLLERS,
     PACKAGE,
     ROBOT,
     SIMULATION,
@@ -69,7 +70,8 @@ def _actions(arguments: tuple[Argument, ...], simulate: bool, context: LaunchCon
         if not node.optional and not _is_installed(node.package):
             raise DiffbotError(f"the package {node.package} is not installed")
     if not simulate:
-        check_data_sheet(parameter_file(values, share))
+        for node in CONTROLLERS if values["docking"] else CONTROLLERS[:1]:
+            check_data_sheet(parameter_file(values, share), node)
     variables = environment(values, os.environ, simulate=simulate)
     settings = [SetEnvironmentVariable(name, value) for name, value in variables.items()]
     notes = [LogInfo(msg=f"{name}={value}") for name, value in variables.items()]

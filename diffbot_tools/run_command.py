@@ -81,7 +81,7 @@ def run_nodes(names: list[str], ros_args: list[str]) -> int:
             needed.update(values)
         ros_args = [*ros_parameters(needed), *ros_args]
     end_on_signals(0)
-    if "controller" in members:
+    if "controller" in members or "dock_controller" in members:
         importlib.import_module(bringup).check_limits(members, ros_args)
     if any("__ns:=" in word for word in ros_args):
         # Last, since the first rule for a name applies.

@@ -106,6 +106,8 @@ def test_a_robot_without_one_of_its_limits_is_not_started_and_a_simulated_one_is
     other = parameter_file(tmp_path / "other.yaml", LIMITS, "/**/ekf")
     with pytest.raises(DiffbotError, match=r"has no section /\*\*/controller"):
         actions(load("robot.launch.py"), parameters=other)
+    with pytest.raises(DiffbotError, match=r"has no section /\*\*/dock_controller"):
+        actions(load("robot.launch.py"), parameters=parameter_file(tmp_path / "all.yaml", LIMITS), docking="true")
     assert actions(load("simulation.launch.py"), parameters=file, description="false")
 
 

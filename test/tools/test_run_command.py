@@ -63,6 +63,14 @@ def test_a_controller_without_the_limits_of_its_robot_is_refused(file, nodes, se
     assert reason in str(error.value)
 
 
+def test_docking_needs_the_limits_of_the_robot_too(file, capsys, kept_signal_handlers):
+    # The dock_controller drives to its staging pose with the limits of its own data sheet.
+    arguments = ["--ros-args", *file({"controller": LIMITS, "dock_ekf": {"docked_x": -0.35}})]
+    assert cli.main(["run", "docking", *arguments]) == 1
+    assert capsys.readouterr().err.startswith(f"diffbot: the dock_controller has no {REQUIRED[0]}, ")
+    check_limits(("dock_ekf", "dock_controller"), file({"all": LIMITS}))
+
+
 def test_without_a_parameter_file_the_default_limits_are_reported(capsys):
     check_limits(WITH_PLANT, [])
     assert capsys.readouterr().err == ""
