@@ -149,6 +149,9 @@ class Collector:
         if gap <= 0.0:
             raise BadMessageError("odometry out of order or repeated")
         if gap > _MAX_GAP:
+            if not self.segments:
+                # The first fix was latched before the recording, as AMCL's. The drive begins with this message.
+                raise BadMessageError("long after the first fix")
             raise DiffbotError(
                 f"odometry has a gap of {gap:.0f} s, but the filter restarts after a gap of more than {_MAX_GAP:g} s"
             )

@@ -20,7 +20,7 @@ from diffbot_control.filter.measurement import FIXES, heading, landmark, pose_fi
 from diffbot_control.filter.odometry import OdometryStep
 from diffbot_control.ros.messages.fields import fill_twist_covariance
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
-from diffbot_core.errors import DiffbotError
+from diffbot_core.errors import BadMessageError, DiffbotError
 from diffbot_core.geometry import Point, Pose, wrap_angle
 from diffbot_core.kinematics import Twist, TwistCovariance, body_twist
 from diffbot_core.schema import build
@@ -271,6 +271,19 @@ def test_figures_are_finite_if_the_odometry_measures_no_motion():
     found = run_events(events, search_settings(settings_of(config), [events], config))
     assert np.isfinite(found.result).all()
     assert np.isfinite(found.P).all()
+
+
+def test_a_drive_whose_first_fix_was_latched_long_before_begins_with_its_odometry():
+    collector, R, begin = Collector(), 0.01 * np.eye(3), 1500 * 10**9
+    collector.on_measurement(pose_fix(0, Pose(1.0, 2.0, 0.0), R))
+    with pytest.raises(BadMessageError, match="long after the first fix"):
+        collector.on_odometry(OdometryStep(begin, Twist(0.0, 0.0), TwistCovariance(0.01, 0.0, 0.01)))
+    for stamp in range(begin + 10**8, begin + 12 * 10**9, 10**8):
+        collector.on_odometry(OdometryStep(stamp, Twist(0.1, 0.0), TwistCovariance(0.01, 0.0, 0.01)))
+        collector.on_measurement(pose_fix(stamp, Pose(1.0, 2.0, 0.0), R))
+    events = collector.events("latched")
+    assert (events.zero, events.odometry.start[0], events.odometry.end[0]) == (begin, 0.0, 0.1)
+    assert events.measurements.time[0] == 0.0
 
 
 def test_likelihood_of_correlated_errors_equals_the_joint_density():
