@@ -146,19 +146,20 @@ def once(flag: str, settings: list[tuple[str, Any]]) -> dict[str, Any]:
     return values
 
 
-def add_remap(parser: argparse.ArgumentParser, names: Callable[[], Collection[str]], text: str) -> None:
+def add_remap(parser: argparse.ArgumentParser, names: Callable[[], Collection[str]] | None, text: str) -> None:
     """Add the option --remap NAME:=TOPIC.
 
     Args:
         parser: parser of the command.
-        names: returns the allowed names; it is called if the option is given.
+        names: returns the allowed names; it is called if the option is given. None: the command checks the names.
         text: help of the option.
     """
 
     def remapping(word: str) -> tuple[str, str]:
-        (name, found, topic), known = word.partition(":="), names()
-        if not found or not topic or name.lstrip("/") not in known:
-            raise argparse.ArgumentTypeError(f"{word!r}: must be NAME:=TOPIC with NAME one of {', '.join(known)}")
+        (name, found, topic), known = word.partition(":="), names() if names else ()
+        if not found or not topic or (known and name.lstrip("/") not in known):
+            one_of = f" with NAME one of {', '.join(known)}" if known else ""
+            raise argparse.ArgumentTypeError(f"{word!r}: must be NAME:=TOPIC{one_of}")
         return name.lstrip("/"), topic
 
     parser.add_argument("--remap", type=remapping, nargs="+", default=[], metavar="NAME:=TOPIC", help=text)

@@ -10,7 +10,7 @@ import os
 import signal
 import sys
 import textwrap
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Iterator
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -197,7 +197,7 @@ def _add_refilter(commands: Any) -> None:
     refilter.add_argument("--params", type=Path, help="ROS parameter file (default: ekf.yaml in the folder of the bag)")
     refilter.add_argument("--out", type=Path, required=True, help="folder of the new bag, which must not exist")
     refilter.add_argument("--compare", metavar="TOPIC", help="print the errors against the true poses of this topic")
-    add_remap(refilter, _inputs_of_ekf, "topic in the bag for an input of the ekf, e.g. odom:=/robot1/odom")
+    add_remap(refilter, None, "topic in the bag for an input of the ekf, e.g. odom:=/robot1/odom")
     refilter.set_defaults(call=_refilter)
 
 
@@ -213,14 +213,8 @@ def _add_calibrate(commands: Any) -> None:
     calibrate.add_argument(
         "--until", type=duration, default=math.inf, metavar="SECONDS", help="use only the first SECONDS of each drive"
     )
-    add_remap(calibrate, _inputs_of_ekf, "topic in the bag for an input of the ekf, e.g. odom:=/robot1/odom")
+    add_remap(calibrate, None, "topic in the bag for an input of the ekf, e.g. odom:=/robot1/odom")
     calibrate.set_defaults(call=_calibrate)
-
-
-def _inputs_of_ekf() -> Collection[str]:
-    from diffbot_tools.refilter import INPUTS  # noqa: PLC0415 - loads scipy
-
-    return INPUTS
 
 
 def _demo(options: argparse.Namespace) -> int:

@@ -35,7 +35,7 @@ from diffbot_control.ros.messages.fields import (
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_control.ros.sensors import POSE_MESSAGE, Sensor, fuse, sensors_of
 from diffbot_control.ros.transforms import NO_TRANSFORMS
-from diffbot_core.errors import BadMessageError, DiffbotError, shown
+from diffbot_core.errors import BadMessageError, DiffbotError, InvalidValueError, known_name, shown
 from diffbot_core.files import read_text
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
@@ -86,7 +86,7 @@ def run(bag: Path, params: Path | None, out: Path, compare: str | None, remap: d
         params: ROS parameter file; None: ``ekf.yaml`` in the folder of the bag.
         out: folder of the new bag.
         compare: topic of true poses in ``bag``; None: print no errors.
-        remap: topic in the bag by its name in INPUTS, for topics whose names differ.
+        remap: topic in the bag by the name of an input, see :func:`inputs_of`, for topics whose names differ.
 
     Raises:
         DiffbotError: if a file or topic is missing, a parameter is not allowed, or ``out`` already exists.
@@ -144,10 +144,15 @@ def topics_of(reader: BagReader, config: EkfNodeConfig, remap: dict[str, str]) -
     """Return the input (see :func:`inputs_of`) that each topic of a bag provides.
 
     Raises:
-        DiffbotError: if the bag lacks the odometry, a configured source of fixes or a remapped topic, or if a topic has
-            another type than the filter reads.
+        DiffbotError: if the bag lacks the odometry, a configured source of fixes or a remapped topic, if a topic has
+            another type than the filter reads, or if ``remap`` has an unknown name.
     """
     inputs, found, path = inputs_of(config), reader.topics, shown(reader.path)
+    own = {name.lstrip("/"): name for name in inputs}
+    for name in remap:
+        if name not in own:
+            raise InvalidValueError("--remap", name, known_name(name, own))
+    remap = {own[name]: topic for name, topic in remap.items()}
     names = {name: "/" + remap.get(name, name).lstrip("/") for name in inputs}
     for name in (*remap, config.odometry_source, *config.localization.sources.pose_sources):
         if names[name] not in found:

@@ -2,6 +2,7 @@
 
 import contextlib
 import math
+from types import SimpleNamespace
 
 import bag_makers
 import numpy as np
@@ -15,10 +16,12 @@ from rclpy.serialization import deserialize_message
 from diffbot_bag.bag import BagReader
 from diffbot_bag.conversions import message_class
 from diffbot_control.ekf_node import EkfNode
+from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.errors import BadMessageError, DiffbotError
+from diffbot_core.schema import build
 from diffbot_tools import cli
 from diffbot_tools.parameter_file import read_config
-from diffbot_tools.refilter import run
+from diffbot_tools.refilter import run, topics_of
 
 HANDLERS = {
     "/initialpose": EkfNode._on_initialpose,
@@ -127,6 +130,17 @@ def test_the_given_parameter_file_is_used_and_stored_in_the_bag(bag, refiltered,
     one, other = (read(path)["/pose"][300].pose.covariance[0] for path in (refiltered, tmp_path / "out"))
     assert other < one
     assert (tmp_path / "out" / "ekf.yaml").read_text() == params.read_text()
+
+
+def test_the_topic_of_a_further_source_of_fixes_can_be_remapped():
+    config = build(EkfNodeConfig, {"pose_sources": ["gps"]})
+    kinds = {"/robot1/odom": "nav_msgs/msg/Odometry", "/robot1/gps": "geometry_msgs/msg/PoseWithCovarianceStamped"}
+    reader = SimpleNamespace(path="bag", topics={name: SimpleNamespace(type=kind) for name, kind in kinds.items()})
+    words = ["refilter", "bag", "--out", "out", "--remap", "odom:=/robot1/odom", "gps:=/robot1/gps"]
+    remap = dict(cli._parser().parse_args(words).remap)
+    assert topics_of(reader, config, remap) == {"/robot1/odom": "odom", "/robot1/gps": "gps"}
+    with pytest.raises(DiffbotError, match=r"^--remap = 'gsp': must be a known name .*did you mean gps"):
+        topics_of(reader, config, {"gsp": "/robot1/gps"})
 
 
 def test_a_misspelt_section_is_refused(tmp_path):
