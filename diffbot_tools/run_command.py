@@ -96,5 +96,7 @@ def run_nodes(names: list[str], ros_args: list[str]) -> int:
             else:
                 yield factory()
 
-    status: int = importlib.import_module("diffbot_core.ros.run").run(make_nodes, ["--ros-args", *ros_args])
+    run = importlib.import_module("diffbot_core.ros.run").run
+    # As in the main() of each node: a process that dies must not delay a node that drives.
+    status: int = run(make_nodes, ["--ros-args", *ros_args], shared_memory={"recorder", "replay"}.issuperset(names))
     return status

@@ -82,7 +82,7 @@ def test_without_a_parameter_file_the_default_limits_are_reported(capsys):
 
 def test_lockstep_sets_what_its_nodes_need_and_refuses_two_controllers(capsys, monkeypatch, kept_signal_handlers):
     given = []
-    monkeypatch.setattr("diffbot_core.ros.run.run", lambda _make, words: given.extend(words) or 0)
+    monkeypatch.setattr("diffbot_core.ros.run.run", lambda _make, words, **_: given.extend(words) or 0)
     lockstep = ["--ros-args", "-p", "clock:=lockstep"]
     assert cli.main(["run", "ekf", "--with", "plant", *lockstep]) == 0
     assert set(given[2:-2:2]) == {'cmd_vel_type:="twist_stamped"', "reliable_inputs:=true", "use_sim_time:=true"}
@@ -95,7 +95,7 @@ def test_a_robot_in_a_namespace_has_its_own_tf_unless_its_frames_have_a_prefix(m
     from rclpy.node import Node
 
     given = []
-    monkeypatch.setattr("diffbot_core.ros.run.run", lambda _make, words: given.append(words) or 0)
+    monkeypatch.setattr("diffbot_core.ros.run.run", lambda _make, words, **_: given.append(words) or 0)
     arguments = ["run", "ekf", "--with", "plant", "recorder", "--ros-args"]
     own = ["-r", "ekf:/tf:=tf", "-r", "ekf:/tf_static:=tf_static"]
     own += ["-r", "plant:/tf:=tf", "-r", "plant:/tf_static:=tf_static"]
@@ -110,6 +110,14 @@ def test_a_robot_in_a_namespace_has_its_own_tf_unless_its_frames_have_a_prefix(m
         assert node.resolve_topic_name("/tf") == topic
         node.destroy_node()
     context.shutdown()
+
+
+def test_only_recorder_and_replay_have_shared_memory(monkeypatch, kept_signal_handlers):
+    given = []
+    monkeypatch.setattr("diffbot_core.ros.run.run", lambda *_, **options: given.append(options["shared_memory"]) or 0)
+    for nodes in (["recorder"], ["recorder", "--with", "ekf"], ["plant"]):
+        assert cli.main(["run", *nodes]) == 0
+    assert given == [True, False, False]
 
 
 @pytest.mark.graph
