@@ -213,7 +213,7 @@ def _add_calibrate(commands: Any) -> None:
     calibrate.add_argument(
         "--until", type=duration, default=math.inf, metavar="SECONDS", help="use only the first SECONDS of each drive"
     )
-    add_remap(calibrate, None, "topic in the bag for an input of the ekf, e.g. odom:=/robot1/odom")
+    add_remap(calibrate, None, "topic in the bag for cmd_vel or an input of the ekf, e.g. odom:=/robot1/odom")
     calibrate.set_defaults(call=_calibrate)
 
 

@@ -37,7 +37,7 @@ def run(bags: list[Path], params: Path | None, out: Path, until: float, remap: d
         params: ROS parameter file; None for ``ekf.yaml`` in the folder of the first bag.
         out: parameter file to write.
         until: length [s] of each drive to use, from its first odometry message.
-        remap: topic in the bags for each input of the filter that has another name in the bags.
+        remap: topic in the bags for cmd_vel, and for each input of the filter, that has another name in the bags.
 
     Raises:
         DiffbotError: if a file or topic is missing, a parameter is not allowed, ``out`` exists already, or the drives
@@ -74,15 +74,17 @@ def read_drive(bag: Path, config: EkfNodeConfig, until: float, remap: dict[str, 
         DiffbotError: if the bag cannot be read or the drive is too short.
     """
     with open_bag(bag) as reader:
-        names = topics_of(reader, config, remap)
+        names = topics_of(reader, config, {name: topic for name, topic in remap.items() if name != "cmd_vel"})
         _check_measured(bag, config, names)
         collected = EventReader(config, names)
-        recorded = reader.topics
-        topics = (*collected.topics, COMMANDS) if COMMANDS in recorded else collected.topics
+        recorded, commanded = reader.topics, "/" + remap.get("cmd_vel", COMMANDS).lstrip("/")
+        if "cmd_vel" in remap and commanded not in recorded:
+            raise DiffbotError(f"{bag} has no topic {commanded} for cmd_vel")
+        topics = (*collected.topics, commanded) if commanded in recorded else collected.topics
         total = sum(recorded[topic].message_count for topic in topics)
         rows = []
         for message in tqdm(reader.decoded(topics), desc=bag.name, total=total, unit="message", disable=None):
-            if message.topic == COMMANDS:
+            if message.topic == commanded:
                 rows.append(_command(message))
             else:
                 collected.take(message)

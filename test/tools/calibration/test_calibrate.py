@@ -31,7 +31,7 @@ from diffbot_tools import cli
 from diffbot_tools.bringup import REQUIRED, check_data_sheet
 from diffbot_tools.calibration import kernel
 from diffbot_tools.calibration.calibrate import calibrate
-from diffbot_tools.calibration.command import run
+from diffbot_tools.calibration.command import read_drive, run
 from diffbot_tools.calibration.events import Collector, Odometry, with_error_states
 from diffbot_tools.calibration.kernel import run_events, settings_of
 from diffbot_tools.calibration.latency import latency_of
@@ -47,7 +47,7 @@ PARAMETERS = f"""\
 """
 
 
-def write_bag(path, recording):
+def write_bag(path, recording, commands="/cmd_vel"):
     """Write fixes, odometry, turn rates and commands in the order of their stamps; commands act 0.1 s later."""
     rows = []
     for fix in recording.fixes:
@@ -63,7 +63,7 @@ def write_bag(path, recording):
         imu = view_bags.message("sensor_msgs/msg/Imu", header=header, angular_velocity=rate)
         imu[1].angular_velocity_covariance[8] = sample.variance
         rows.append(("/imu", sample.stamp, imu))
-    rows += [("/cmd_vel", stamp - 100_000_000, view_bags.command(*twist)) for stamp, twist in recording.commands]
+    rows += [(commands, stamp - 100_000_000, view_bags.command(*twist)) for stamp, twist in recording.commands]
     view_bags.write(path, sorted(rows, key=lambda row: row[1]))
     (path / "ekf.yaml").write_text(PARAMETERS)
     return path
@@ -271,6 +271,15 @@ def test_figures_are_finite_if_the_odometry_measures_no_motion():
     found = run_events(events, search_settings(settings_of(config), [events], config))
     assert np.isfinite(found.result).all()
     assert np.isfinite(found.P).all()
+
+
+def test_commands_of_a_robot_in_a_namespace_are_read_with_remap(tmp_path):
+    bag = write_bag(tmp_path / "bag", record(Errors(), 1, 15.0, Sensors(second=5, gyro=True)), "/robot1/cmd_vel")
+    config = read_config(bag / "ekf.yaml")
+    assert len(read_drive(bag, config, math.inf, {})[1]) == 0
+    assert len(read_drive(bag, config, math.inf, {"cmd_vel": "robot1/cmd_vel"})[1]) == 150
+    with pytest.raises(DiffbotError, match="has no topic /robot2/cmd_vel for cmd_vel"):
+        read_drive(bag, config, math.inf, {"cmd_vel": "/robot2/cmd_vel"})
 
 
 def test_a_drive_whose_first_fix_was_latched_long_before_begins_with_its_odometry():
