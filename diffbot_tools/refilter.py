@@ -38,7 +38,7 @@ from diffbot_control.ros.transforms import NO_TRANSFORMS
 from diffbot_core.errors import BadMessageError, DiffbotError, InvalidValueError, known_name, shown
 from diffbot_core.files import read_text
 from diffbot_core.geometry import Pose
-from diffbot_core.kinematics import Twist
+from diffbot_core.kinematics import Twist, TwistCovariance
 from diffbot_core.shared_parameters import robot_frame
 from diffbot_core.stamps import S_PER_NS
 from diffbot_core.yaml_files import MAX_BYTES
@@ -73,9 +73,9 @@ class Answer(NamedTuple):
     """Output of the filter for one odometry message."""
 
     estimate: FilterEstimate
-    odometry: OdometryStep
     twist: Twist
-    """twist of the odometry, corrected by the estimated errors of the wheels"""
+    """twist of the odometry, corrected by the gyro and the estimated errors of the wheels"""
+    covariance: TwistCovariance
 
 
 def run(bag: Path, params: Path | None, out: Path, compare: str | None, remap: dict[str, str]) -> int:
@@ -237,8 +237,7 @@ class FilterRun:
 
     def _answer(self, odometry: OdometryStep) -> Answer | None:
         estimate = self.localization.on_odometry(odometry)
-        odometry = estimate.odometry or odometry
-        return Answer(estimate, odometry, self.localization.twist_of(estimate, odometry)[0])
+        return Answer(estimate, *self.localization.twist_of(estimate, odometry))
 
 
 class _Output:
@@ -264,13 +263,13 @@ class _Output:
 
     def write(self, answer: Answer, innovations: list[Innovation], log_time: int) -> None:
         """Write an answer, and the NIS of the ``innovations`` that were not written before, at ``log_time`` [ns]."""
-        estimate, odometry, twist = answer
+        estimate, twist, covariance = answer
         for message in (self._pose, self._odometry):
             set_stamp(message.header.stamp, estimate.stamp)
             fill_pose(message.pose.pose, Pose(*estimate.pose))
             fill_planar_covariance(message.pose.covariance, estimate.P)
         fill_twist(self._odometry.twist.twist, twist)
-        fill_twist_covariance(self._odometry.twist.covariance, odometry.covariance)
+        fill_twist_covariance(self._odometry.twist.covariance, covariance)
         self._writer.write(self._poses, encode(POSE_MESSAGE, self._pose), log_time, estimate.stamp)
         self._writer.write(self._filtered, encode(ODOMETRY, self._odometry), log_time, estimate.stamp)
         for one in innovations[self._written :]:

@@ -16,12 +16,16 @@ from rclpy.serialization import deserialize_message
 from diffbot_bag.bag import BagReader
 from diffbot_bag.conversions import message_class
 from diffbot_control.ekf_node import EkfNode
+from diffbot_control.filter.measurement import GyroSample
+from diffbot_control.filter.odometry import OdometryStep
 from diffbot_control.ros.parameters.ekf import EkfNodeConfig
 from diffbot_core.errors import BadMessageError, DiffbotError
+from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import Twist, TwistCovariance
 from diffbot_core.schema import build
 from diffbot_tools import cli
 from diffbot_tools.parameter_file import read_config
-from diffbot_tools.refilter import run, topics_of
+from diffbot_tools.refilter import FilterRun, run, topics_of
 
 HANDLERS = {
     "/initialpose": EkfNode._on_initialpose,
@@ -130,6 +134,17 @@ def test_the_given_parameter_file_is_used_and_stored_in_the_bag(bag, refiltered,
     one, other = (read(path)["/pose"][300].pose.covariance[0] for path in (refiltered, tmp_path / "out"))
     assert other < one
     assert (tmp_path / "out" / "ekf.yaml").read_text() == params.read_text()
+
+
+def test_the_covariance_of_the_twist_contains_the_gyro_as_that_of_the_node_does():
+    step = OdometryStep(10**8, Twist(0.2, 0.1), TwistCovariance(1.0, 0.0, 1.0))
+    filtered = FilterRun(build(EkfNodeConfig, {"use_gyro": True}), {})
+    filtered.localization.initialise(Pose(0.0, 0.0, 0.0), 0.01 * np.eye(3), 0)
+    for stamp in range(10**7, 2 * 10**8, 10**7):
+        filtered.localization.on_gyro(GyroSample(stamp, 0.1, 1e-4))
+    answer = filtered._answer(step)
+    assert (answer.twist, answer.covariance) == filtered.localization.twist_of(answer.estimate, step)
+    assert answer.covariance.var_omega < 0.1
 
 
 def test_the_topic_of_a_further_source_of_fixes_can_be_remapped():
