@@ -5,7 +5,8 @@ import re
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
+from operator import attrgetter
 from pathlib import Path
 
 import build
@@ -14,6 +15,7 @@ import parameter_tables
 import pytest
 import tutorial_run
 
+from diffbot_bag.messages import make
 from diffbot_core.schema import parameters_of
 
 ROOT = Path(__file__).parents[2]
@@ -53,6 +55,15 @@ def anchors(page):
     """Return the anchors of a page as mkdocs and GitHub name them: one for each heading, and "" for the page."""
     headings = re.findall(r"^#+ (.*)$", page.read_text(), re.MULTILINE) if page.suffix == ".md" else []
     return {"", *(re.sub(r"[^\w\- ]", "", one).lower().replace(" ", "-") for one in headings)}
+
+
+@pytest.mark.parametrize("kind", ["Twist", "TwistStamped"])
+def test_the_layout_for_foxglove_plots_the_commands_of_either_type(kind):
+    message, found = make(f"geometry_msgs/msg/{kind}"), 0
+    for path in re.findall(r'"/cmd_vel\.([a-z.]+)"', (ROOT / "config/foxglove.json").read_text()):
+        with suppress(AttributeError):
+            found += isinstance(attrgetter(path)(message), float)
+    assert found == 2
 
 
 @pytest.fixture(scope="module")
