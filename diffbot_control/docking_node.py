@@ -98,6 +98,8 @@ class DockControllerNode(RobotControllerNode):
         self._in_map: GoalStatus | None = None
         self._before: GoalStatus | None = None
         """newest goal of the controller in map: now, and at ``_goal_time``"""
+        self._must_cancel = False
+        """True until the controller in map is asked to drop its goal, which it may hold"""
         self._cancel_in_map = self.create_client(Trigger, "controller/cancel")
         self.create_subscription(GoalStatusArray, "controller/goal_status", self._on_goals_in_map, LATCHED)
         self.create_timer(_CHECK_PERIOD, self._check_goals, clock=self.steady_clock)
@@ -111,10 +113,7 @@ class DockControllerNode(RobotControllerNode):
         """Cancel the older goal if both this controller and the controller in map have one."""
         if self.supervisor.accepted != self._accepted:
             self._accepted, self._goal_time = self.supervisor.accepted, time.monotonic()
-            self._before = self._in_map
-            # If the new goal has already ended, a goal in map may be newer.
-            if self.supervisor.goals.present is not None and self._cancel_in_map.service_is_ready():
-                self._cancel_in_map.call_async(Trigger.Request())
+            self._before, self._must_cancel = self._in_map, True
             if self._ekf.is_configured:
                 self._restart_filter_if_lost()
         elif (
@@ -123,6 +122,12 @@ class DockControllerNode(RobotControllerNode):
             and time.monotonic() - self._goal_time > _RELEASE_TIME
         ):
             self.goals.cancel("by a new goal of the controller in map")
+            self._must_cancel = False
+        # If the new goal has already ended, a goal in map may be newer. The service may not be discovered yet.
+        self._must_cancel = self._must_cancel and self.supervisor.goals.present is not None
+        if self._must_cancel and self._cancel_in_map.service_is_ready():
+            self._must_cancel = False
+            self._cancel_in_map.call_async(Trigger.Request())
 
     def _restart_filter_if_lost(self) -> None:
         """Restart the filter if its estimate is useless: too uncertain, or contradicted by the detections.
