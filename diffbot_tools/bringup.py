@@ -68,7 +68,7 @@ _COMMON = (
     Argument("preset", "preset of the controller", choices=tuple(PRESETS)),
     Argument("localization", "start the ekf; false if another localization publishes the pose", "true", _BOOLEAN),
     Argument("composed", "run ekf and controller in one process, robot_node", "false", _BOOLEAN),
-    Argument("autostart", "false: a lifecycle manager activates ekf and controller", "", _BOOLEAN),
+    Argument("autostart", "false: a lifecycle manager activates ekf, controller and docking", "", _BOOLEAN),
     Argument("docking", "start docking_node", "false", _BOOLEAN),
     Argument("cmd_vel_type", "type of the commands", choices=("auto", "twist", "twist_stamped")),
     Argument("bag", "record everything into this folder, which must not exist"),
