@@ -64,6 +64,8 @@ class GoalOptions(NamedTuple):
     """wait for the end of the goal"""
     prefix: str = ""
     """prefix of the topic goal_pose"""
+    signals: list[int] | None = None
+    """signals that have arrived during an earlier goal of the same command; None for the first goal"""
 
 
 def add_drive(commands: Any) -> None:
@@ -160,9 +162,10 @@ def _dock(options: argparse.Namespace) -> int:
             reason = "must be three numbers, or none" if len(options.pose) != 3 else str(error)
             raise InvalidValueError("X Y YAW", words, sentence=reason) from None
         staging = out_of_frame(pose_on_axis(options.distance, options.backward), pose)
-        names = options.frame, options.namespace, options.controller
-        if status := drive(GoalOptions(staging, *names, timeout=options.timeout)):
+        names, signals = (options.frame, options.namespace, options.controller), list[int]()
+        if status := drive(GoalOptions(staging, *names, timeout=options.timeout, signals=signals)):
             return status
+        return _drive_in_dock_frame(options, Pose(0.0, 0.0, 0.0), signals)
     return _drive_in_dock_frame(options, Pose(0.0, 0.0, 0.0))
 
 
@@ -170,9 +173,9 @@ def _undock(options: argparse.Namespace) -> int:
     return _drive_in_dock_frame(options, pose_on_axis(options.distance, options.backward))
 
 
-def _drive_in_dock_frame(options: argparse.Namespace, pose: Pose) -> int:
+def _drive_in_dock_frame(options: argparse.Namespace, pose: Pose, signals: list[int] | None = None) -> int:
     names = "dock", options.namespace, options.docking_controller
-    return drive(GoalOptions(pose, *names, timeout=options.timeout, prefix="dock/"))
+    return drive(GoalOptions(pose, *names, timeout=options.timeout, prefix="dock/", signals=signals))
 
 
 def drive(options: GoalOptions) -> int:
@@ -186,7 +189,7 @@ def drive(options: GoalOptions) -> int:
     # Imported by name, since the command line must start without ROS.
     client_type = importlib.import_module("diffbot_control.ros.goals.client").GoalClient
     # A signal must not end the process before the goal is cancelled, nor interrupt a call of ROS.
-    signals: list[int] = []
+    signals: list[int] = [] if options.signals is None else options.signals
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda received, _frame: signals.append(received))
     names = {name: getattr(options, name) for name in ("namespace", "controller", "frame", "restart_timeout", "prefix")}

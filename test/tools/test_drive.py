@@ -1,9 +1,14 @@
 """The commands goal, dock and undock: the goals that they send, their frame and their controller."""
 
 import math
+import os
+import signal
+from types import SimpleNamespace
 
 import pytest
 
+from diffbot_control.ros.goals.client import GoalClient
+from diffbot_core.errors import DiffbotError
 from diffbot_core.geometry import Pose
 from diffbot_tools.cli import main
 from diffbot_tools.drive import GoalOptions, _waiting_lines
@@ -35,6 +40,32 @@ def test_with_the_pose_of_the_dock_the_robot_drives_to_the_staging_pose_first(se
     assert staging.pose == pytest.approx((3.0, 1.0 + 0.5 * side, math.pi / 2))
     assert address(staging) == ("controller", "map", "")
     assert address(dock) == ("dock_controller", "dock", "")
+
+
+class FakeClient:
+    """A client whose goals are reached; Ctrl-C is pressed when the first goal has ended."""
+
+    def __init__(self, sent):
+        self.sent, self.task = sent, SimpleNamespace(end="reached", text="reached", elapsed=1.0, is_sent=False)
+        self.wait_until_ready = self.wait_for_end = lambda _timeout: not self.is_stopped()
+
+    def send_goal(self, poses, timeout):
+        if self.is_stopped():
+            raise DiffbotError("no answer")
+        self.sent += poses
+
+    def close(self):
+        os.kill(os.getpid(), signal.SIGINT)
+
+
+def test_ctrl_c_between_the_drive_to_the_dock_and_the_docking_ends_the_command(
+    monkeypatch, kept_signal_handlers, capsys
+):
+    sent = []
+    monkeypatch.setattr(GoalClient, "in_own_context", lambda **_: FakeClient(sent))
+    assert main(["dock", "3", "1", "0"]) == 130
+    assert len(sent) == 1
+    assert capsys.readouterr().out.splitlines()[-1] == "interrupted: no goal was sent"
 
 
 @pytest.mark.parametrize(("flags", "x"), [((), -0.7), (("--backward", "--distance", "1"), 1.0)])
