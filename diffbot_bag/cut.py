@@ -44,10 +44,7 @@ def cut(
     topics = {name: topic for name, topic in bags.topics.items() if keep(topic)}
     if not topics:
         raise DiffbotError(shown(f"no topic of the bag is selected: select from {', '.join(bags.topics)}"))
-    for name, topic in topics.items():
-        hashes = {reader.topics[name].type_hash for reader in bags.readers if name in reader.topics}
-        if len(hashes - {""}) > 1:  # the new bag has one definition, with which the other messages could not be read
-            raise DiffbotError(shown(f"{name}: the bags were recorded with different definitions of {topic.type}"))
+    _check_definitions(bags, topics)
     with new_bag(output) as writer:
         channels = {}
         for name, topic in topics.items():
@@ -68,6 +65,14 @@ def cut(
             progress(1)
         writer.custom_data = _join_custom_data([reader.custom_data for reader in bags.readers])
     return read_metadata(output)
+
+
+def _check_definitions(bags: MergedBags, topics: Mapping[str, Topic]) -> None:
+    """Refuse bags with different definitions of a type: with the one of the new bag, some messages cannot be read."""
+    for name, topic in topics.items():
+        hashes = {reader.topics[name].type_hash for reader in bags.readers if name in reader.topics}
+        if len(hashes - {""}) > 1:
+            raise DiffbotError(shown(f"{name}: the bags were recorded with different definitions of {topic.type}"))
 
 
 def _join_custom_data(all_data: Sequence[Mapping[str, str]]) -> dict[str, str]:

@@ -70,8 +70,8 @@ def _actions(arguments: tuple[Argument, ...], simulate: bool, context: LaunchCon
         if not node.optional and not _is_installed(node.package):
             raise DiffbotError(f"the package {node.package} is not installed")
     if not simulate:
-        for node in CONTROLLERS if values["docking"] else CONTROLLERS[:1]:
-            check_data_sheet(parameter_file(values, share), node)
+        for controller in CONTROLLERS if values["docking"] else CONTROLLERS[:1]:
+            check_data_sheet(parameter_file(values, share), controller)
     variables = environment(values, os.environ, simulate=simulate)
     settings = [SetEnvironmentVariable(name, value) for name, value in variables.items()]
     notes = [LogInfo(msg=f"{name}={value}") for name, value in variables.items()]
