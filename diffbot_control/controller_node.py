@@ -257,7 +257,7 @@ class ControllerNode(ManagedNode[ControllerNodeConfig]):
         if command is not None:
             self.outputs.commands.send(command, stamp)
             if command != STOP and not self.outputs.commands.is_open:
-                supervisor.on_unsent()
+                supervisor.stop_at_once()
             if supervisor.is_beyond_limits:
                 self.health.counted["commands beyond lowered limits"] += 1
                 self.get_logger().warning(BEYOND_LIMITS, throttle_duration_sec=STATE_LOG_PERIOD)

@@ -42,6 +42,8 @@ class HistoryStep:
     """memory of the filter at the start of the step"""
     measurements: list[Measurement] = field(default_factory=list)
     gyro: list[GyroSample] = field(default_factory=list)
+    is_compared: bool = False
+    """True if the turn rates of gyro and wheels have been compared"""
 
     @property
     def duration(self) -> float:

@@ -234,11 +234,9 @@ class Localization:
 
         The twist of ``after`` is valid for the last ``valid_for`` seconds before its stamp.
         """
-        if (after.stamp - start) * S_PER_NS <= valid_for:
+        if after.stamp - start <= valid_for / S_PER_NS + 0.5:  # whole nanoseconds
             return start
         end = after.stamp - round(valid_for / S_PER_NS)
-        if end <= start:  # 300_000_000 * 1e-9 is slightly more than 0.3
-            return start
         before = self._odometry.twist if self._odometry is not None else after.twist
         self._delayed.clear()
         return self._step(start, unknown_motion(start, end, before, after.twist), end - start, is_gap=True)
@@ -381,36 +379,23 @@ class Localization:
             raise BadMessageError("measurement not finite")
         index = self._history.insert_gyro(sample, self._stamp)
         if index is not None:
-            self._compute_from(index, is_new_rate=len(self._history.steps[index].gyro) == 1)
+            self._compute_from(index)
 
-    def _compute_from(self, index: int, late: Collection[Measurement] = (), *, is_new_rate: bool = False) -> None:
-        """Compute the steps from ``index`` on again; only the ``late`` measurements are new and counted.
-
-        With ``is_new_rate``, the turn rate of the step ``index`` is counted, too.
-        """
+    def _compute_from(self, index: int, late: Collection[Measurement] = ()) -> None:
+        """Compute the steps from ``index`` on again; only the ``late`` measurements are new and counted."""
         steps = self._history.steps
         self.filter.memory[:] = steps[index].memory
         for i in range(index, len(steps)):
             steps[i].memory = self.filter.memory.copy()
-            self._compute(steps[i], late, is_new=False, is_new_rate=is_new_rate and i == index)
+            self._compute(steps[i], late, is_new=False)
 
-    def _compute(
-        self,
-        step: HistoryStep,
-        late: Collection[Measurement] = (),
-        *,
-        is_new: bool = True,
-        is_new_rate: bool = True,
-    ) -> None:
-        """Predict over a step and fuse its measurements; in an old step, only the ``late`` measurements are counted.
-
-        The turn rate is counted if ``is_new_rate``.
-        """
+    def _compute(self, step: HistoryStep, late: Collection[Measurement] = (), *, is_new: bool = True) -> None:
+        """Predict over a step and fuse its measurements; in an old step, only the ``late`` measurements are counted."""
         now, rate, slip = step.start, step.rate(), _NO_SLIP
         if rate is not NO_RATE:
             # In a gap the turn rate of the wheels is unknown.
-            is_counted = is_new_rate and not step.is_gap
-            slip = self._take_rate(self._motion(step, step.duration, rate, _NO_SLIP), is_new=is_counted)
+            is_new_rate, step.is_compared = not (step.is_compared or step.is_gap), True
+            slip = self._take_rate(self._motion(step, step.duration, rate, _NO_SLIP), is_new=is_new_rate)
         for measurement in step.measurements:
             if measurement.stamp > now:
                 self._predict(step, (measurement.stamp - now) * S_PER_NS, rate, slip)

@@ -259,14 +259,9 @@ class Supervisor:
         """
         self.pass_time(now, steady)
         lost = self.config.pose_lost_timeout
-        command = None
-        if 0.0 < lost <= self.clock.silence:
-            command = self._follow(GoalEvent.LOST, f"no pose for pose_lost_timeout = {lost:g} s")
+        is_lost, reason = 0.0 < lost <= self.clock.silence, f"no pose for pose_lost_timeout = {lost:g} s"
+        command = self._follow(GoalEvent.LOST, reason) if is_lost else None
         return command or self._stop_if_overdue(must_stop)
-
-    def on_unsent(self) -> None:
-        """Record that the last command was not sent: the robot stands, and the next command starts from rest."""
-        self._stop_at_once()
 
     def on_stop(self, reason: str) -> None:
         """End the current goal as cancelled, because the node stops; the node itself sends zero."""
@@ -303,10 +298,8 @@ class Supervisor:
         return self.clock.is_overdue(self.config.pose_timeout, not is_lockstep)
 
     def _stop_if_overdue(self, must_stop: bool = False) -> Twist | None:
-        is_needed = self._zeros_due > 0 or self.state is not State.IDLE
-        if is_needed and self.clock.has_pose and (must_stop or self._is_overdue()):
-            return self._follow(GoalEvent.OVERDUE)
-        return None
+        is_needed = self.clock.has_pose and (self._zeros_due > 0 or self.state is not State.IDLE)
+        return self._follow(GoalEvent.OVERDUE) if is_needed and (must_stop or self._is_overdue()) else None
 
     def _reason_to_release(self, pose: Pose) -> str:
         """Return why the robot stops holding its goal; empty if it continues, or does not hold a goal."""
@@ -346,7 +339,7 @@ class Supervisor:
             return self._brake(dt)
         if command is Reaction.REST:
             return self._rest()
-        return self._stop_at_once() if command is Reaction.ZERO else None
+        return self.stop_at_once() if command is Reaction.ZERO else None
 
     def _accept(self, goals: list[Pose], request: GoalRequest, waypoint: int, waypoints: int) -> None:
         is_replanned = self.goals.present is not None and self.goals_ahead[-1:] == goals[-1:]
@@ -358,8 +351,7 @@ class Supervisor:
             self.clock.on_goal()
         self.goals_ahead = list(goals)
         self.waypoint, self.waypoints, self.updates = waypoint, waypoints, 0
-        self._waits, self.is_stale, self.reason, self.has_failed = True, False, "", False
-        self._since_step = 0.0
+        self._waits, self.is_stale, self.reason, self.has_failed, self._since_step = True, False, "", False, 0.0
         with suppress(LawError), errors_of(self.law):  # the next step reports the error
             self.data_sheet = self.law.data_sheet(self.config.controller)
         distance, is_known = timing.distance_along(self.pose or goals[0], goals), self.pose is not None
@@ -387,8 +379,7 @@ class Supervisor:
 
     def _take_step(self, goal: Pose, dt: float) -> Twist | None:
         law, config = self.law, self.config.controller
-        estimate = Estimate(self.pose or goal, self.uncertainty)
-        observation = Observation(estimate, dt, self.clock.period, self.contact)
+        observation = Observation(Estimate(self.pose or goal, self.uncertainty), dt, self.clock.period, self.contact)
         try:
             step = guarded_step(law, self.memory, observation, goal, self._command, config)
         except LawError as error:
@@ -438,12 +429,12 @@ class Supervisor:
 
     def _rest(self) -> Twist | None:
         """Repeat the zero command until it was sent _STOP_REPEATS times."""
-        if self._zeros_due > 0:
-            self._zeros_due -= 1
-            return STOP
-        return None
+        is_due = self._zeros_due > 0
+        self._zeros_due -= is_due
+        return STOP if is_due else None
 
-    def _stop_at_once(self) -> Twist:
+    def stop_at_once(self) -> Twist:
+        """Return a zero command, also instead of one that was not sent; the next command starts from rest."""
         try:
             with errors_of(self.law):
                 self.memory = self.law.after_command(self.memory, STOP, self._since_command, self.config.controller)
