@@ -103,7 +103,7 @@ class Observer:
         inputs = {name: (kind,) for name, kind in _INPUTS.items()}
         inputs |= {name: (one.message_type,) for name, one in streams.sensors.items()}
         kinds = inputs | _OUTPUTS
-        topics = {name: self._topic(name, kinds[name], is_input=name in inputs) for name in kinds}
+        topics = {name: self._topic(name, kinds, is_input=name in inputs) for name in kinds}
         deadline, missing = time.monotonic() + duration, set(kinds)
         while (left := deadline - time.monotonic()) > 0.0:
             for name in sorted(missing):  # a publisher may be discovered late
@@ -160,15 +160,18 @@ class Observer:
         own = node.get_fully_qualified_name()
         return TopicGraph(topic, kind, publishers, [one for one in subscriptions if one.node != own], elsewhere)
 
-    def _topic(self, name: str, kinds: tuple[str, ...], *, is_input: bool) -> str:
-        """Return the topic to which a running node has remapped ``name``; without such a node, the resolved name."""
+    def _topic(self, name: str, kinds: Mapping[str, tuple[str, ...]], *, is_input: bool) -> str:
+        """Return the topic to which a running node has remapped ``name``; without such a node, the resolved name.
+
+        ``kinds`` has the types of each input and output by its name.
+        """
         node = self._node
         default: str = node.resolve_topic_name(name)
         find = node.get_subscriber_names_and_types_by_node if is_input else node.get_publisher_names_and_types_by_node
         with suppress(Exception):  # rclpy raises several types for a node that does not run
             found = find("controller" if name == COMMANDS else "ekf", node.get_namespace())
-            usual = {node.resolve_topic_name(one) for one in (*_INPUTS, *_OUTPUTS, "global_pose", "initialpose")}
-            topics = [topic for topic, types in found if set(kinds) & set(types)]
+            usual = {node.resolve_topic_name(one) for one in (*kinds, "initialpose")}
+            topics = [topic for topic, types in found if set(kinds[name]) & set(types)]
             others = [topic for topic in topics if topic not in usual]
             if default not in topics and len(others) == 1:
                 return str(others[0])
