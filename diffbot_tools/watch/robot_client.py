@@ -158,7 +158,9 @@ class RobotClient:
     def _call_services(self, request: Request) -> tuple[str, int]:
         """Handle a request that is not a goal; return text and level of the answer."""
         if request.kind == "initialpose" and request.pose is not None:
-            done = self._client.setInitialPose(goal_message(request.pose, self._config.map_frame, 0))
+            # Not longer, because a cancellation waits meanwhile.
+            message = goal_message(request.pose, self._config.map_frame, 0)
+            done = self._client.setInitialPose(message, timeout=SERVICE_TIMEOUT)
             return ("initial pose set", 0) if done else ("the filter did not accept the initial pose", 2)
         if request.kind == "cancel":
             # Both controllers, since the goal may be of another client.

@@ -5,8 +5,17 @@ from types import SimpleNamespace
 import pytest
 
 from diffbot_control.law.configuration import DockingConfig
+from diffbot_core.geometry import Pose
 from diffbot_tools.view.requests import Request
 from diffbot_tools.watch.robot_client import RobotClient
+
+
+def test_a_filter_that_does_not_answer_an_initial_pose_delays_a_cancellation_by_three_seconds_at_most():
+    client, timeouts = object.__new__(RobotClient), []
+    client._config = SimpleNamespace(map_frame="map")
+    client._client = SimpleNamespace(setInitialPose=lambda _pose, timeout=10.0: timeouts.append(timeout))
+    assert client._call_services(Request("initialpose", "", Pose(1.0, 2.0, 0.0)))[1] == 2
+    assert timeouts == [3.0]
 
 
 def test_a_restarted_node_is_asked_for_its_parameters_again():
