@@ -43,6 +43,8 @@ _CANCEL_TIMEOUT, _LAST_TIMEOUT = 5.0, 1.0
 """[s] longest time for a cancellation, and for the cancellation of a goal that the controller has not accepted"""
 _DOCKING = "dock_controller"
 """default name of the controller that docks, which does not receive goals in the map"""
+_PARAMETER_TIMEOUT = 3.0
+"""[s] longest time to wait for a parameter of the docking controller, which need not run yet"""
 _DISTANCE = 0.7
 """[m] distance of the staging pose from the docked pose, the default of the docking law"""
 _NEGATIVE = re.compile(r"-(\d+|\d*\.\d+)(deg)?")
@@ -161,12 +163,29 @@ def _dock(options: argparse.Namespace) -> int:
         except (ValueError, argparse.ArgumentTypeError) as error:
             reason = "must be three numbers, or none" if len(options.pose) != 3 else str(error)
             raise InvalidValueError("X Y YAW", words, sentence=reason) from None
+        _check_direction(options)
         staging = out_of_frame(pose_on_axis(options.distance, options.backward), pose)
         names, signals = (options.frame, options.namespace, options.controller), list[int]()
         if status := drive(GoalOptions(staging, *names, timeout=options.timeout, signals=signals)):
             return status
         return _drive_in_dock_frame(options, Pose(0.0, 0.0, 0.0), signals)
     return _drive_in_dock_frame(options, Pose(0.0, 0.0, 0.0))
+
+
+def _check_direction(options: argparse.Namespace) -> None:
+    """Refuse a flag that contradicts dock_backward: the staging pose would be on the far side of the dock.
+
+    Raises:
+        InvalidValueError: naming the docking controller.
+    """
+    name = options.docking_controller
+    client = _client(options.namespace, name, frame="dock", prefix="dock/")
+    try:
+        backward = client.parameter("dock_backward", _PARAMETER_TIMEOUT)
+    finally:
+        client.close()
+    if backward not in (None, options.backward):
+        raise InvalidValueError("--backward", options.backward, f"{backward}, as the parameter dock_backward of {name}")
 
 
 def _undock(options: argparse.Namespace) -> int:
@@ -186,18 +205,12 @@ def drive(options: GoalOptions) -> int:
     """
     if not options.controller:
         raise InvalidValueError("--controller", options.controller, "the name of a node")
-    # Imported by name, since the command line must start without ROS.
-    client_type = importlib.import_module("diffbot_control.ros.goals.client").GoalClient
     # A signal must not end the process before the goal is cancelled, nor interrupt a call of ROS.
     signals: list[int] = [] if options.signals is None else options.signals
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda received, _frame: signals.append(received))
     names = {name: getattr(options, name) for name in ("namespace", "controller", "frame", "restart_timeout", "prefix")}
-    try:
-        client = client_type.in_own_context(**names)
-    except Exception as error:  # rclpy raises several types for invalid names
-        reason = " ".join(str(error).split())
-        raise DiffbotError(f"namespace {options.namespace!r}, controller {options.controller!r}: {reason}") from None
+    client = _client(**names)
     client.is_stopped = lambda: bool(signals)
     try:
         _send(client, options)
@@ -213,6 +226,21 @@ def drive(options: GoalOptions) -> int:
         raise
     finally:
         client.close()
+
+
+def _client(namespace: str, controller: str, **options: Any) -> Any:
+    """Return a goal client.
+
+    Raises:
+        DiffbotError: if a name is not allowed.
+    """
+    # Imported by name, since the command line must start without ROS.
+    client_type = importlib.import_module("diffbot_control.ros.goals.client").GoalClient
+    try:
+        return client_type.in_own_context(namespace=namespace, controller=controller, **options)
+    except Exception as error:  # rclpy raises several types for invalid names
+        reason = " ".join(str(error).split())
+        raise DiffbotError(f"namespace {namespace!r}, controller {controller!r}: {reason}") from None
 
 
 def _send(client: Any, options: GoalOptions) -> None:

@@ -19,6 +19,7 @@ def sent(monkeypatch, kept_signal_handlers):
     """Collect the options of the goals instead of sending the goals."""
     given = []
     monkeypatch.setattr("diffbot_tools.drive.drive", lambda options: given.append(options) or 0)
+    monkeypatch.setattr(GoalClient, "in_own_context", lambda **_: FakeClient(given))
     return given
 
 
@@ -45,9 +46,10 @@ def test_with_the_pose_of_the_dock_the_robot_drives_to_the_staging_pose_first(se
 class FakeClient:
     """A client whose goals are reached; Ctrl-C is pressed when the first goal has ended."""
 
-    def __init__(self, sent):
+    def __init__(self, sent, backward=None):
         self.sent, self.task = sent, SimpleNamespace(end="reached", text="reached", elapsed=1.0, is_sent=False)
         self.wait_until_ready = self.wait_for_end = lambda _timeout: not self.is_stopped()
+        self.parameter = {"dock_backward": backward}.get
 
     def send_goal(self, poses, timeout):
         if self.is_stopped():
@@ -55,7 +57,8 @@ class FakeClient:
         self.sent += poses
 
     def close(self):
-        os.kill(os.getpid(), signal.SIGINT)
+        if self.sent:
+            os.kill(os.getpid(), signal.SIGINT)
 
 
 def test_ctrl_c_between_the_drive_to_the_dock_and_the_docking_ends_the_command(
@@ -66,6 +69,16 @@ def test_ctrl_c_between_the_drive_to_the_dock_and_the_docking_ends_the_command(
     assert main(["dock", "3", "1", "0"]) == 130
     assert len(sent) == 1
     assert capsys.readouterr().out.splitlines()[-1] == "interrupted: no goal was sent"
+
+
+@pytest.mark.parametrize(("flag", "backward"), [((), True), (("--backward",), False)])
+def test_the_robot_does_not_drive_to_the_far_side_of_a_dock_with_another_direction(
+    sent, monkeypatch, capsys, flag, backward
+):
+    monkeypatch.setattr(GoalClient, "in_own_context", lambda **_: FakeClient(sent, backward))
+    assert main(["dock", "3", "1", "0", *flag]) == 1
+    assert f"must be {backward}, as the parameter dock_backward of dock_controller" in capsys.readouterr().err
+    assert not sent
 
 
 @pytest.mark.parametrize(("flags", "x"), [((), -0.7), (("--backward", "--distance", "1"), 1.0)])

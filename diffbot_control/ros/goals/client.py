@@ -18,9 +18,11 @@ from builtin_interfaces.msg import Duration
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
+from rcl_interfaces.srv import GetParameters
 from rclpy.event_handler import SubscriptionEventCallbacks, UnsupportedEventTypeError
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.parameter import parameter_value_to_python
 from rclpy.signals import SignalHandlerOptions
 
 from diffbot_control.goals.record import MAX_PATH_POSES, REFUSED, RESTART_TIMEOUT, end_text, goal_id
@@ -220,6 +222,21 @@ class GoalClient(Node):  # type: ignore[misc]
                 return self.task
         name = self.resolve_topic_name(f"{self.controller}/goal_status")
         raise NoControllerError(f"no answer on {name}: does the controller run, with the same ROS_DOMAIN_ID?")
+
+    def parameter(self, name: str, timeout: float) -> Any:
+        """Return the value of a parameter of the controller; None if it does not answer within ``timeout`` [s]."""
+        service = self.create_client(GetParameters, f"{self.controller}/get_parameters")
+        deadline = time.monotonic() + timeout
+        try:
+            while (left := deadline - time.monotonic()) > 0.0 and self.spin_until(service.service_is_ready, left):
+                future = service.call_async(GetParameters.Request(names=[name]))
+                if self.spin_until(future.done, min(left, REPEAT_PERIOD)):
+                    # The list is empty if the node does not have the parameter.
+                    return next(map(parameter_value_to_python, future.result().values), None)
+                service.remove_pending_request(future)
+            return None
+        finally:
+            self.destroy_client(service)
 
     def wait_for_end(self, timeout: float) -> bool:
         """Handle messages until the newest goal has ended; return False if it does not end within ``timeout`` [s]."""
