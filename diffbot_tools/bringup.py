@@ -140,6 +140,8 @@ def parse(arguments: Sequence[Argument], texts: Mapping[str, str]) -> dict[str, 
             values[one.name] = text
     if values["composed"] and not values["localization"]:
         raise InvalidValueError("composed", True, "false with localization:=false, since robot_node runs the ekf")
+    if "urdf" in values and not values["description"]:
+        raise InvalidValueError("urdf", values["urdf"], "given with description:=true, which shows the robot")
     return values
 
 

@@ -112,6 +112,7 @@ def test_a_simulation_stays_on_its_host_and_a_robot_is_restricted_on_request():
 def test_arguments_that_exclude_each_other_and_files_that_are_missing_are_refused_in_one_line(tmp_path):
     for texts, line in (
         ({"composed": "true", "localization": "false"}, "composed = True: must be false with localization:=false"),
+        ({"urdf": "/robot.urdf"}, "urdf = '/robot.urdf': must be given with description:=true"),
         ({"parameters": str(tmp_path / "none.yaml")}, "parameter file: cannot open"),
         ({"description": "true", "urdf": str(tmp_path / "none.urdf")}, "cannot open"),
     ):
