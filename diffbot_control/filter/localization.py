@@ -99,6 +99,8 @@ class Localization:
         that the clock was set, and the filter continues."""
         self.outcomes: dict[str, Counter[int]] = {FIXES: Counter()}
         """number of measurements of each source by their outcome, see :mod:`ekf`"""
+        self._checked_fixes = 0
+        """number of fixes at the last call of :meth:`check_innovations`"""
         self.reset()
 
     def configure(self, config: LocalizationConfig, wheel_separation: float) -> None:
@@ -180,7 +182,9 @@ class Localization:
 
     def check_innovations(self) -> None:
         """Detect fixes that contradict the odometry without relocating the filter; call this periodically."""
-        fixes = self.consistency().get(FIXES)
+        # Without a new fix, as at rest, old innovations are not a new sign.
+        before, self._checked_fixes = self._checked_fixes, self.outcomes[FIXES].total()
+        fixes = self.consistency().get(FIXES) if self._checked_fixes != before else None
         if fixes is not None and fixes.autocorrelation is not None and self._stamp is not None:
             self.contradiction = contradiction.with_innovations(
                 self.contradiction, self._stamp, fixes.nis / fixes.alarm, fixes.autocorrelation
@@ -247,7 +251,10 @@ class Localization:
         self._history.append(step)
         self._compute(step)
         distance = abs(odometry.twist.v) * (odometry.stamp - start) * S_PER_NS
+        before = self.contradiction.cause
         self.contradiction = contradiction.with_motion(self.contradiction, odometry.stamp, distance)
+        if before and not self.contradiction.cause:
+            state.unpair(self.filter)  # a new contradiction needs new innovations
         self._stamp, self._odometry = odometry.stamp, odometry
         return odometry.stamp
 

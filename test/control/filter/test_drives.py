@@ -13,8 +13,10 @@ from hypothesis import strategies as st
 from diffbot_control.filter import contradiction, ekf, models, noise
 from diffbot_control.filter.config import FilterConfig
 from diffbot_control.filter.contradiction import FROZEN, RELOCATING
-from diffbot_control.filter.measurement import LANDMARKS
+from diffbot_control.filter.measurement import LANDMARKS, pose_fix
+from diffbot_control.filter.odometry import OdometryStep
 from diffbot_core.geometry import Pose
+from diffbot_core.kinematics import Twist, TwistCovariance
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -71,6 +73,20 @@ def test_a_contradiction_ends_after_a_minute_of_rest_or_by_initialise():
     *_, (_, made) = with_fault(10.0, FAULTS["turned by pi"])
     assert made.contradiction.cause == RELOCATING
     made.initialise(Pose(0.0, 0.0, 0.0), np.diag(SIGMAS**2))
+    assert made.contradiction.cause == ""
+
+
+def test_a_contradiction_ends_after_a_minute_of_rest_without_fixes():
+    """As with AMCL, which publishes its pose only after a motion."""
+    *_, (time, made) = with_fault(8.0, FAULTS["turned by pi"], every=1)
+    assert made.contradiction.cause == RELOCATING
+    for step in range(1, 650):
+        stamp = round(1e9 * time) + step * 10**8
+        pose = made.on_odometry(OdometryStep(stamp, Twist(0.0, 0.0), TwistCovariance(1e-4, 0.0, 1e-4))).pose
+        made.check_innovations()
+    assert made.contradiction.cause == ""
+    made.on_measurement(pose_fix(stamp, pose, np.diag(SIGMAS**2)))
+    made.check_innovations()
     assert made.contradiction.cause == ""
 
 
