@@ -100,7 +100,6 @@ class Localization:
         self.outcomes: dict[str, Counter[int]] = {FIXES: Counter()}
         """number of measurements of each source by their outcome, see :mod:`ekf`"""
         self._checked_fixes = 0
-        """number of fixes at the last call of :meth:`check_innovations`"""
         self.reset()
 
     def configure(self, config: LocalizationConfig, wheel_separation: float) -> None:
@@ -142,8 +141,7 @@ class Localization:
         state.start(self.filter, pose, P)
         self.contradiction = contradiction.NONE
         self._history.clear()
-        if self._stamp is None:
-            self._stamp = stamp
+        self._stamp = stamp if self._stamp is None else self._stamp
         self.initialised = True
 
     def estimate(self) -> FilterEstimate:
@@ -186,9 +184,8 @@ class Localization:
         before, self._checked_fixes = self._checked_fixes, self.outcomes[FIXES].total()
         fixes = self.consistency().get(FIXES) if self._checked_fixes != before else None
         if fixes is not None and fixes.autocorrelation is not None and self._stamp is not None:
-            self.contradiction = contradiction.with_innovations(
-                self.contradiction, self._stamp, fixes.nis / fixes.alarm, fixes.autocorrelation
-            )
+            signs = self._stamp, fixes.nis / fixes.alarm, fixes.autocorrelation
+            self.contradiction = contradiction.with_innovations(self.contradiction, *signs)
 
     def on_odometry(self, odometry: OdometryStep, valid_for: float = math.inf) -> FilterEstimate:
         """Predict the estimate at the stamp of ``odometry``, and fuse the measurements that waited for it.
@@ -227,8 +224,7 @@ class Localization:
             # The true time since the previous odometry is at most about ``longest``.
             self._begin_clock(max(self._stamp, odometry.stamp - round(longest / S_PER_NS)))
         start = self._cross_gap(self._stamp, odometry, min(valid_for, self.max_extrapolation))
-        delay = round(self.config.odometry.odometry_delay / S_PER_NS)
-        for part, whole in self._delayed.parts(start, odometry, delay):
+        for part, whole in self._delayed.parts(start, odometry, round(self.config.odometry.odometry_delay / S_PER_NS)):
             start = self._step(start, part, whole)
         self._history.trim(self._history_length)
         return self.estimate()
@@ -268,7 +264,6 @@ class Localization:
             self.reset()
             self._early.add(odometry, self._history_length)
             if is_first:
-                # The newest stamp is the stamp of the first fix.
                 raise BadMessageError("behind the first fix", f"{by}: synchronise the clocks that stamp both (chrony)")
             raise BadMessageError("time jumped back" if late > 0 else "time jumped ahead", f"{by}; filter reset")
         if late > 0 or self._behind:
@@ -319,8 +314,7 @@ class Localization:
         source or landmark is unknown, if it is older than the history, if too many measurements already wait for their
         odometry, or if the filter is not initialised and the measurement cannot initialise it.
         """
-        errors: list[BadMessageError] = []
-        late: dict[Measurement, int] = {}
+        errors, late = list[BadMessageError](), dict[Measurement, int]()
         for measurement in measurements:
             try:
                 if (index := self._insert(measurement)) is not None:
@@ -365,8 +359,7 @@ class Localization:
         if not is_fix(measurement.kind):
             raise BadMessageError("no fix yet")
         stamp, P_moved = self._early.start(measurement.stamp, self._history_length)
-        P = np.diag((0.0, 0.0, UNKNOWN_HEADING))
-        m = len(measurement.z)
+        P, m = np.diag((0.0, 0.0, UNKNOWN_HEADING)), len(measurement.z)
         P[:m, :m] = measurement.R
         x, y, *theta = measurement.z.tolist()
         self.initialise(Pose(x, y, theta[0] if measurement.kind == POSE_FIX else 0.0), P + P_moved, stamp)
