@@ -3,6 +3,7 @@
 import contextlib
 import itertools
 import json
+import re
 import threading
 import time
 
@@ -172,18 +173,18 @@ def test_a_goal_reached_with_fixes_of_another_clock_is_reached_and_names_the_clo
     nodes.add(EkfNode)
     nodes.add(ControllerNode)
     nodes.add(PlantNode, {"fix_delay": 0.5})
-    text = "global_pose is stamped 0.50 s behind odom"
+    text = re.compile(r"global_pose is stamped 0\.[45]\d s behind odom")
     nodes.peer.spin_until(
         lambda: (
             nodes.ekf_states
             and nodes.ekf_states[-1].level == DiagnosticStatus.WARN
             and nodes.ekf_states[-1].message == "running"
-            and text in graph.values(nodes.ekf_states[-1]).get("reason", "")
+            and text.search(graph.values(nodes.ekf_states[-1]).get("reason", ""))
         ),
         what="the warning of the ekf",
     )
     send_goal(nodes, 0.5, 0.0, 0.0)
-    assert end_of_goal(nodes).startswith(f"reached: /ekf: {text}")
+    assert text.match(end_of_goal(nodes).removeprefix("reached: /ekf: "))
 
 
 def test_a_single_fix_that_was_dropped_is_named_as_long_as_nothing_arrives(nodes):
