@@ -232,8 +232,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
     def _receive_latched(self) -> None:
         """Subscribe to latched fixes until the filter is initialised: AMCL publishes a new fix only after a motion."""
         if self.localization.initialised:
-            while self._latched:
-                self.destroy_subscription(self._latched.popitem()[1])
+            self._end_latched()
             return
         for topic, sensor in self._inputs.sensors.items():
             if not isinstance(sensor, FixSensor) or topic in self._latched:
@@ -244,6 +243,10 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
                 kind = _message_class(sensor.message_type)
                 # Not by self.subscribe(), because the QoS parameters of the topic are for its other subscription.
                 self._latched[topic] = Node.create_subscription(self, kind, topic, receive, LATCHED)
+
+    def _end_latched(self) -> None:
+        while self._latched:
+            self.destroy_subscription(self._latched.popitem()[1])
 
     def _on_latched(self, topic: str, message: Any) -> None:
         if not self.localization.initialised:
@@ -365,6 +368,7 @@ class EkfNode(ManagedNode[EkfNodeConfig]):
         """Reset the pose and all estimated errors; the next fix starts the filter again."""
         self.localization.reset()
         self._newest = None
+        self._end_latched()  # a new subscription receives the latched fix again
 
     def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self.restart()

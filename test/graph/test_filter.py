@@ -146,6 +146,8 @@ def test_the_filter_starts_from_an_old_latched_fix_and_again_after_a_reset(nodes
     assert not fed.node.health.dropped["global_pose", "duplicate"]
     assert nodes.peer.call(Trigger, "ekf/reset").success
     nodes.peer.spin_until(runs, what="the start after a reset")
+    fed.node.restart()  # before the end of the second subscription
+    nodes.peer.spin_until(runs, what="the start after the next reset")
 
 
 def imu(time, rate):
