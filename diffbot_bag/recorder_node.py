@@ -144,10 +144,13 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
                 continue
             if not self._selection.selects(name):
                 self._ignored.add(name)
-            elif len(types) > 1:
-                self._refuse(name, f"it has several types ({', '.join(types)})")
-            else:
+            elif len(types) == 1:
                 self._start(name, types[0])
+            # The types of all publishers and subscribers: only those of the publishers matter.
+            elif len(published := {one.topic_type for one in self.get_publishers_info_by_topic(name)}) > 1:
+                self._refuse(name, f"it has several types ({', '.join(sorted(published))})")
+            elif published:
+                self._start(name, published.pop())
         has_changed = False
         for topic in self._topics.values():
             has_changed = topic.check_publishers() or has_changed

@@ -11,7 +11,7 @@ import graph
 import one_process
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import Twist
+from geometry_msgs.msg import Twist, TwistStamped
 from rclpy.qos import QoSProfile
 from recorders import BEST_EFFORT, DEEP, DEEP_LATCHED, KEEP_ALL, LATCHED, Recorder, publish, recorded, twists
 from rosgraph_msgs.msg import Clock
@@ -70,6 +70,26 @@ def test_messages_of_publishers_with_any_qos_are_recorded_byte_by_byte(nodes, tm
     # As in rosbag2, topics of the graph itself are recorded, too. The recorder's own status is not.
     assert {"/rosout", "/parameter_events"} <= set(topics)
     assert not {"/recorder/status", "/without_a_publisher"} & set(topics)
+
+
+def test_a_topic_with_a_subscriber_of_another_type_is_recorded_but_not_one_with_two_published_types(nodes, tmp_path):
+    types, publishers = dict[str, list[str]](), [nodes.peer.publisher(Twist, name, RELIABLE) for name in ("one", "two")]
+    with graph.peer(name="other") as other:
+        other.subscribe(TwistStamped, "one")
+        other.publisher(TwistStamped, "two")
+        nodes.peer.spin_until(
+            lambda: (
+                types.update(nodes.peer.node.get_topic_names_and_types())
+                or len(types.get("/one", ())) == len(types.get("/two", ())) == 2
+            ),
+            what="all types",
+        )
+        recorder = Recorder(nodes, tmp_path / "run", topics=["/one", "/two"])
+        recorder.wait_for(publishers[0])
+        sent = publish(publishers[0], twists(5))
+        recorder.wait("incomplete", "/two")
+        recorder.close()
+    assert recorded(tmp_path / "run", "/one") == sent
 
 
 def test_lost_messages_are_counted_in_status_diagnostics_and_the_bag(nodes, tmp_path):
