@@ -125,7 +125,7 @@ class Navigator(GoalClient):
         )
         deadline = time.monotonic() + timeout
         try:
-            while (left := deadline - time.monotonic()) > 0.0:
+            while (left := deadline - time.monotonic()) > 0.0 and not self.is_stopped():
                 # Repeat the message, because the filter may not have discovered this publisher yet.
                 if self.spin_until(self._initial_poses.get_subscription_count, left):
                     received.clear()

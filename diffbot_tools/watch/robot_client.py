@@ -73,6 +73,11 @@ class RobotClient:
         except queue.Full:
             reply("busy: too many requests are waiting, try again", 1)
 
+    def is_interrupted(self) -> bool:
+        """Return True if the present request must not wait: the thread ends, or a cancellation is in the queue."""
+        with self._requests.mutex:
+            return self._stopped.is_set() or any(request.kind == "cancel" for request, _ in self._requests.queue)
+
     def stop(self) -> None:
         """End the thread. The robot continues to its goal."""
         self._stopped.set()
@@ -97,7 +102,7 @@ class RobotClient:
         self._active: GoalClient = self._client
         """client of the newest goal"""
         for client in (self._client, self._dock_client):
-            client.is_stopped = self._stopped.is_set
+            client.is_stopped = self.is_interrupted
         self._services = {
             "cancel": self._client.create_client(Trigger, f"{config.controller}/cancel"),
             "cancel_dock": self._client.create_client(Trigger, f"{config.dock_controller}/cancel"),

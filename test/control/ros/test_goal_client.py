@@ -1,6 +1,7 @@
 """The client of the controller, without a controller."""
 
 import threading
+import time
 from contextlib import closing
 
 import pytest
@@ -35,3 +36,12 @@ def test_waypoints_end_if_the_controller_has_ended_between_two_of_them(monkeypat
         timer.cancel()
         assert not ended.is_set()
         assert navigator.getResult() == TaskResult.FAILED
+
+
+def test_the_wait_for_an_initial_pose_can_be_stopped():
+    with closing(Navigator.in_own_context()) as navigator:
+        navigator.is_stopped = lambda: True
+        pose, began = PoseStamped(), time.monotonic()
+        pose.pose.orientation.w = 1.0
+        assert not navigator.setInitialPose(pose, timeout=30.0)
+        assert time.monotonic() - began < 20.0

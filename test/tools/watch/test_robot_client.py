@@ -1,5 +1,7 @@
 """The requests of the page to a robot, without a graph."""
 
+import queue
+import threading
 from types import SimpleNamespace
 
 import pytest
@@ -62,3 +64,16 @@ def test_cancel_stops_each_controller_that_runs(answers, answer):
     client._call = lambda name, _: called.append(name) or (name, answers.get(name, 2))
     assert client._call_services(Request("cancel", ""))[1] == answer
     assert called == (list(answers) or ["cancel"])
+
+
+def test_a_cancellation_interrupts_the_request_before_it_but_not_itself():
+    client = object.__new__(RobotClient)
+    client._requests, client._stopped = queue.Queue(), threading.Event()
+    for kind, is_interrupted in (("initialpose", False), ("cancel", True)):
+        client.add(Request(kind, ""), lambda text, level: None)
+        assert client.is_interrupted() == is_interrupted
+    for is_interrupted in (True, False):
+        client._requests.get()
+        assert client.is_interrupted() == is_interrupted
+    client._stopped.set()
+    assert client.is_interrupted()
