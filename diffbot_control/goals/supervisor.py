@@ -354,8 +354,9 @@ class Supervisor:
         self._waits, self.is_stale, self.reason, self.has_failed, self._since_step = True, False, "", False, 0.0
         with suppress(LawError), errors_of(self.law):  # the next step reports the error
             self.data_sheet = self.law.data_sheet(self.config.controller)
-        distance, is_known = timing.distance_along(self.pose or goals[0], goals), self.pose is not None
-        self._guard.accept(self.config.goal_timeout, distance, len(goals), self.data_sheet, is_known, is_replanned)
+        length, radius = timing.distance_along(self.pose or goals[0], goals), self.config.waypoint_radius
+        ahead = timing.distance_ahead(self.pose or goals[0], goals, radius) if is_replanned else math.nan
+        self._guard.accept(self.config.goal_timeout, length, len(goals), self.data_sheet, self.pose is not None, ahead)
         self._begin_goal(rest)
 
     def _begin_goal(self, rest: float = 0.0) -> None:

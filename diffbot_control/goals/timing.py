@@ -180,6 +180,11 @@ def goals_passed(pose: Pose, goals: Sequence[Pose], radius: float) -> int:
     return sum(1 for _ in near)
 
 
+def distance_ahead(pose: Pose, goals: Sequence[Pose], radius: float) -> float:
+    """Return the length [m] of the route from ``pose`` through the goals that :func:`goals_passed` does not count."""
+    return distance_along(pose, goals[goals_passed(pose, goals, radius) :])
+
+
 def _turn_and_start(sheet: DataSheet) -> float:
     """Return the time [s] for a full turn, and for accelerating to the largest speeds and braking from them."""
     v, omega = (max(limit, _SLOWEST) for limit in fastest(sheet))
@@ -248,7 +253,7 @@ class GoalGuard:
         """[s] time without progress, and time at rest near the last goal"""
 
     def accept(
-        self, option: float, distance: float, goals: int, sheet: DataSheet, is_final: bool, is_replanned: bool
+        self, option: float, distance: float, goals: int, sheet: DataSheet, is_final: bool, ahead: float
     ) -> None:
         """Start with a new goal or path.
 
@@ -258,11 +263,16 @@ class GoalGuard:
             goals: number of goals of the route.
             sheet: limits of the robot.
             is_final: True if the pose is known; otherwise the timeout is derived again at the first step.
-            is_replanned: True if the previous path had the same last goal, so that the progress timer continues.
+            ahead: if the previous path had the same last goal, the remaining distance [m] of the new path, which is no
+                progress by itself, so that the progress timer continues; otherwise nan.
         """
         self.age = 0.0
         self.next_goal()
-        if not is_replanned:
+        if not math.isnan(ahead):
+            if self._last < math.inf:
+                self._best += ahead - self._last
+                self._last = ahead
+        else:
             self._without_progress = self._at_rest = 0.0
             self._best = self._last = math.inf
             self._was_near = False

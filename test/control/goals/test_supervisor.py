@@ -312,6 +312,18 @@ def test_a_path_that_is_planned_again_to_the_same_goal_does_not_count_as_progres
     assert time_to_end([GOAL, Pose(0.5, 0.0, 0.0)]) is None, "another goal begins anew"
 
 
+def test_a_blocked_robot_is_given_up_even_if_the_planner_changes_between_two_routes():
+    story = Story(pose_lost_timeout=0.0)
+    for second in range(60):
+        start = [Pose(AWAY.x, 0.05 * i, 0.0) for i in range(20)]
+        story.supervisor.on_path([*start, Pose(-1.5, (1.0, 3.0)[second % 2], 0.0), GOAL])
+        for _ in range(10):
+            story.pose(AWAY)
+        if story.state == NOT_AT_GOAL:
+            break
+    assert second == pytest.approx(30, abs=2)
+
+
 def test_a_path_that_is_planned_again_without_poses_ends_after_pose_lost_timeout():
     story = Story(pose_lost_timeout=5.0)
     story.pose()
