@@ -50,8 +50,9 @@ class NodeParameters:
     def poll(self) -> None:
         """Continue with the requests. Call it a few times a second; it takes one or two milliseconds."""
         if self._request is not None:
-            is_late = time.monotonic() > self._deadline
-            if is_late or next(self._request, self) is self:
+            has_ended = next(self._request, self) is self
+            is_late = not has_ended and time.monotonic() > self._deadline
+            if has_ended or is_late:
                 self._request.close()
                 self._request = None
             if is_late and self._name not in self._slow:

@@ -146,7 +146,7 @@ class RecorderNode(DiffbotNode[RecorderConfig]):
                 self._ignored.add(name)
             elif len(types) == 1:
                 self._start(name, types[0])
-            # The types of all publishers and subscribers: only those of the publishers matter.
+            # Some of the types may be of subscribers, which do not matter.
             elif len(published := {one.topic_type for one in self.get_publishers_info_by_topic(name)}) > 1:
                 self._refuse(name, f"it has several types ({', '.join(sorted(published))})")
             elif published:

@@ -58,16 +58,16 @@ class Health:
             self._drop_times.popleft()
         return len(self._drop_times)
 
-    def newest_drop(self, topic: str, now: float, memory: float = _NEWEST_DROP_MEMORY) -> str:
+    def newest_drop(self, topic: str, now: float, max_age: float = _NEWEST_DROP_MEMORY) -> str:
         """Return why the newest message of a topic was dropped; empty if it was accepted, or was dropped long ago.
 
         Args:
             topic: topic of the message.
             now: [s] steady time.
-            memory: [s] largest age of the message.
+            max_age: [s] An older drop is not returned.
         """
         dropped, text = self._newest_drops.get(topic, (-math.inf, ""))
-        is_newest = dropped > self.last_received.get(topic, -math.inf) and now - dropped <= memory
+        is_newest = dropped > self.last_received.get(topic, -math.inf) and now - dropped <= max_age
         return text if is_newest else ""
 
     def accept(self, topic: str, now: float) -> None:

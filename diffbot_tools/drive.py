@@ -67,7 +67,7 @@ class GoalOptions(NamedTuple):
     prefix: str = ""
     """prefix of the topic goal_pose"""
     signals: list[int] | None = None
-    """signals that have arrived during an earlier goal of the same command; None for the first goal"""
+    """list to which signals are appended; the goals of a command share it, so that no signal is lost between them"""
 
 
 def add_drive(commands: Any) -> None:
@@ -155,6 +155,7 @@ def _goal(options: argparse.Namespace) -> int:
 
 def _dock(options: argparse.Namespace) -> int:
     """Dock, after a drive to the staging pose if the pose of the dock is given; return the exit status."""
+    signals = list[int]()
     if options.pose:
         words = " ".join(options.pose)
         try:
@@ -165,11 +166,10 @@ def _dock(options: argparse.Namespace) -> int:
             raise InvalidValueError("X Y YAW", words, sentence=reason) from None
         _check_direction(options)
         staging = out_of_frame(pose_on_axis(options.distance, options.backward), pose)
-        names, signals = (options.frame, options.namespace, options.controller), list[int]()
+        names = options.frame, options.namespace, options.controller
         if status := drive(GoalOptions(staging, *names, timeout=options.timeout, signals=signals)):
             return status
-        return _drive_in_dock_frame(options, Pose(0.0, 0.0, 0.0), signals)
-    return _drive_in_dock_frame(options, Pose(0.0, 0.0, 0.0))
+    return _drive_in_dock_frame(options, Pose(0.0, 0.0, 0.0), signals)
 
 
 def _check_direction(options: argparse.Namespace) -> None:

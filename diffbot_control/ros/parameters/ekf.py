@@ -10,11 +10,9 @@ from diffbot_core.kinematics import WheelGeometry
 from diffbot_core.schema import TIMEOUT, Spec
 from diffbot_core.shared_parameters import PREFIX_TEXT, RELIABLE_TEXT, FaultConfig, LifecycleConfig
 
-_TOPICS = (
-    *("global_pose", "heading", "imu", "landmarks", "initialpose", "odom", "joint_states", "detected_dock_pose"),
-    *("pose", "odometry/filtered"),
-)
-"""Fixed topics of inputs and outputs."""
+_INPUTS = ("global_pose", "heading", "imu", "landmarks", "initialpose", "odom", "joint_states", "detected_dock_pose")
+_OUTPUTS = ("pose", "odometry/filtered")
+"""Inputs and outputs with fixed topics."""
 
 
 class SensorNoise(NamedTuple):
@@ -132,13 +130,13 @@ class EkfNodeConfig(NamedTuple):
     faults: FaultConfig = FaultConfig()
 
     def check(self) -> None:
-        """Check that ``pose_sources`` has no other topic of the node.
+        """Check that no topic in ``pose_sources`` is another topic of the node.
 
         Raises:
             InvalidValueError: if one of ``pose_sources`` is the topic of another input or of an output.
         """
         topics = self.localization.sources.pose_sources
-        if twice := sorted(set(_TOPICS).intersection(topics)):
+        if twice := sorted({*_INPUTS, *_OUTPUTS}.intersection(topics)):
             raise InvalidValueError(
                 "pose_sources", list(topics), sentence=f"{twice[0]} is already another topic of the node"
             )
