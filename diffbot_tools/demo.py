@@ -23,7 +23,7 @@ from diffbot_core.errors import DiffbotError
 from diffbot_core.files import is_bag_folder, output_folder, write_json
 from diffbot_core.geometry import Pose
 from diffbot_tools.bringup import LOCKSTEP
-from diffbot_tools.plotting import BLUE, GREEN, GREY, ORANGE, RED, new_figure, save
+from diffbot_tools.plotting import BLUE, GREEN, GREY, ORANGE, RED, draw_heading, new_figure, save
 from diffbot_tools.processes import NodeProcesses, PrivateDomain, graph_environment
 from diffbot_tools.view.bag_source import BagRobot, BagRun, read_bag
 from diffbot_tools.view.report_command import write_report
@@ -360,9 +360,7 @@ def _draw_run(robot: BagRobot, title: str, path: Path) -> None:
     for text, pose in poses:
         colour = BLUE if text == "start" else GREEN
         axes.plot([pose.x], [pose.y], "o", color=colour, markersize=6, zorder=5)
-        tip = pose.x + 0.07 * span * math.cos(pose.theta), pose.y + 0.07 * span * math.sin(pose.theta)
-        arrow = {"arrowstyle": "-|>", "color": colour, "linewidth": 2.0}
-        axes.annotate("", tip, (pose.x, pose.y), arrowprops=arrow, zorder=5)
+        draw_heading(axes, pose, 0.07 * span, colour)
         axes.annotate(text, (pose.x, pose.y), xytext=(6, -12), textcoords="offset points", color=colour, zorder=6)
     axes.set(xlabel="x [m]", ylabel="y [m]", title=title)
     axes.set_aspect("equal", adjustable="datalim")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 import matplotlib.pyplot as plt
 
 from diffbot_core.files import replacing
+from diffbot_core.geometry import Pose
 
 BLUE, ORANGE, GREY, GREEN, RED = "#0072B2", "#E69F00", "#999999", "#009E73", "#D55E00"
 """Colours that people with any colour vision can tell apart (Okabe and Ito)."""
@@ -39,6 +41,17 @@ def new_grid(
     for one in (*small, *large):
         one.grid(alpha=0.3)
     return figure, small, large
+
+
+def draw_heading(axes: Any, pose: Pose, length: float, colour: str) -> None:
+    """Draw an arrow of ``length`` [m] from a pose in the direction of its heading."""
+    tip = pose.x + length * math.cos(pose.theta), pose.y + length * math.sin(pose.theta)
+    axes.annotate(
+        "", tip, (pose.x, pose.y), arrowprops={"arrowstyle": "-|>", "color": colour, "linewidth": 2.0}, zorder=5
+    )
+    # An arrow whose tip is outside the limits of the axes would not be drawn.
+    axes.update_datalim([tip])
+    axes.autoscale_view()
 
 
 def save(figure: Any, *paths: Path) -> None:

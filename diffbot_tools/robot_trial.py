@@ -239,7 +239,7 @@ def save_picture(found: list[tuple[str, Drive]], path: Path) -> None:
 
 def draw_drives(figure: Any, drives: Sequence[Drive]) -> None:
     """Draw true and estimated paths with their goals, and the true distance to the goal over time."""
-    from diffbot_tools.plotting import BLUE, GREEN, RED  # noqa: PLC0415 - takes a second to load
+    from diffbot_tools.plotting import BLUE, GREEN, RED, draw_heading  # noqa: PLC0415 - takes a second to load
 
     path_axes, error_axes = figure.subplots(1, 2)
     span = max(np.ptp(np.vstack([one.truth[:, :2] for one in drives]), axis=0).max(), 0.3)
@@ -247,10 +247,9 @@ def draw_drives(figure: Any, drives: Sequence[Drive]) -> None:
         shown = number == 0
         path_axes.plot(*drive.truth[:, :2].T, color=BLUE, linewidth=2.0, label="truth" if shown else None)
         path_axes.plot(*drive.estimate[:, :2].T, color=RED, linewidth=0.7, label="estimate" if shown else None)
-        x, y, theta = drive.goal
+        x, y, _ = drive.goal
         path_axes.plot([x], [y], "o", color=GREEN if drive.is_reached else RED, label="goal" if shown else None)
-        tip = x + 0.05 * span * np.cos(theta), y + 0.05 * span * np.sin(theta)
-        path_axes.annotate("", tip, (x, y), arrowprops={"arrowstyle": "->", "color": GREEN})
+        draw_heading(path_axes, drive.goal, 0.05 * span, GREEN)
         distance = np.hypot(drive.truth[:, 0] - x, drive.truth[:, 1] - y)
         error_axes.plot(drive.time - drive.time[0], distance, color=BLUE, linewidth=1.0, alpha=0.7)
     path_axes.set(xlabel="x [m]", ylabel="y [m]")

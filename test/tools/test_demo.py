@@ -14,8 +14,10 @@ import tutorial_run
 from bag_makers import read
 from robot import planar, stamp
 
+from diffbot_core.geometry import Pose
 from diffbot_tools import cli
 from diffbot_tools.demo import make_room_for_bag
+from diffbot_tools.plotting import draw_heading, new_figure
 from diffbot_tools.view.bag_source import read_bag
 
 pytestmark = pytest.mark.graph
@@ -28,6 +30,17 @@ CONTRACT = Path(__file__).resolve().parents[2] / "config" / "bag_contract.yaml"
 
 def command(out, *arguments):
     return [*COMMAND, "--out", str(out), "--domain", os.environ["ROS_DOMAIN_ID"], *map(str, arguments)]
+
+
+@pytest.mark.parametrize("theta", [0.0, 1.5, 3.1, -1.6])
+def test_the_arrow_of_a_heading_is_inside_the_picture(theta):
+    _, axes = new_figure(1, (3.0, 3.0))
+    axes.plot([0.0, 1.0, 0.0], [0.0, 1.0, 1.0])
+    draw_heading(axes, Pose(1.0 * (theta < 1.6), 1.0 * (theta > -1.0), theta), 0.5, "black")
+    (arrow,) = axes.texts
+    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    assert left <= arrow.xy[0] <= right
+    assert low <= arrow.xy[1] <= high
 
 
 @pytest.fixture(scope="module")
