@@ -8,9 +8,8 @@ from collections.abc import Sequence
 from typing import Annotated, NamedTuple
 
 from diffbot_control.filter.consistency import chi_square_bound
-from diffbot_control.filter.ekf import MAX_SLIP
 from diffbot_control.filter.measurement import FIXES, HEADINGS, LANDMARKS
-from diffbot_control.filter.models import state_size
+from diffbot_control.filter.models import MAX_SLIP, state_size
 from diffbot_control.filter.odometry import OdometryConfig
 from diffbot_control.filter.state import Options
 from diffbot_core.errors import InvalidValueError

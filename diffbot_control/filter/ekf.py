@@ -23,6 +23,7 @@ from diffbot_control.filter.models import (
     BIAS,
     HEADING,
     LANDMARK,
+    MAX_SLIP,
     POSE_FIX,
     SENSOR,
     UNKNOWN_HEADING,
@@ -67,8 +68,6 @@ _SLIP_BOUND = 40.0
 """Bound of the squared mean innovation over its variance; white innovations do not exceed it."""
 _SLIP_GROWTH = 9.0
 """Squared ratio of the innovation that the slip will finally cause to the mean innovation when it is detected."""
-MAX_SLIP = 0.2
-"""Largest relative radius error by which the filter explains slip."""
 
 
 def predict(filter_: FilterState, options: Options, motion: Motion) -> None:

@@ -26,6 +26,8 @@ POSE_FIX, POSITION_FIX, HEADING, LANDMARK, RANGE, BEARING = 0, 1, 2, 3, 4, 5
 """Kinds of measurements; a landmark is measured by range and bearing or by one of them."""
 UNKNOWN_HEADING = math.pi**2
 """[rad^2] Variance of an unknown heading."""
+MAX_SLIP = 0.2
+"""Largest relative radius error by which the filter explains slip."""
 MIN_LANDMARK_DISTANCE = 1e-3
 """[m] Measurements of nearer landmarks are ignored, since their bearing is not defined."""
 
