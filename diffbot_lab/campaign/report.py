@@ -22,7 +22,7 @@ from diffbot_lab.campaign.spec import Campaign, code_version, read_campaign
 from diffbot_lab.campaign.statistics import CellStatistics
 from diffbot_tools.plotting import new_figure, save
 
-RESULTS = "results.json"
+RESULTS, TABLE = "results.json", "results.csv"
 _ECDF_METRICS = (
     ("settling_time", "settling time [s]"),
     ("position_error", "final position error [m]"),
@@ -56,8 +56,9 @@ def run_and_report(
 def _run_on(make_executor: Callable[[], Executor], number: int, campaign: Campaign, out: Path) -> int:
     """Run a campaign with ``number`` workers; see :func:`run_and_report`."""
     with output_folder(out):
-        if (out / RESULTS).exists() and not (out / JOURNAL).exists():
-            raise DiffbotError(f"{out / RESULTS} was not written by a campaign: choose another --out")
+        for path in (out / RESULTS, out / TABLE):
+            if path.exists() and not (out / JOURNAL).exists():
+                raise DiffbotError(f"{path} was not written by a campaign: choose another --out")
         journal = Journal(out / JOURNAL, campaign)
     if journal.damaged:
         print(f"{out / JOURNAL} has {journal.damaged} damaged lines: their runs are repeated", file=sys.stderr)
@@ -83,10 +84,10 @@ def write_report(campaign: Campaign, statistics: list[CellStatistics], folder: P
     """
     rows = [{**cell.values, **one.summary()} for cell, one in zip(campaign.cells, statistics, strict=True)]
     name = {"identity": campaign.identity, "sources": code_version()}
-    written = [folder / RESULTS, folder / "results.csv"]
+    written = [folder / RESULTS, folder / TABLE]
     try:
         write_json(folder / RESULTS, {**name, "campaign": campaign.description, "cells": rows})
-        write_text(folder / "results.csv", _csv(rows))
+        write_text(folder / TABLE, _csv(rows))
         written += _draw_heat_maps(campaign, rows, folder)
         _draw_distributions(campaign, statistics, folder / "distributions.png")
     except OSError as error:
@@ -204,5 +205,5 @@ def table(campaign: Campaign, statistics: list[CellStatistics]) -> str:
             line += f"{figures[metric]:>{width}.3f}" if figures[metric] is not None else f"{'-':>{width}}"
         lines.append(line + f"{figures['switches_q99']:>14.0f}")
     if len(campaign.cells) > 40:
-        lines.append(f"... and {len(campaign.cells) - 40} more cells in results.csv")
+        lines.append(f"... and {len(campaign.cells) - 40} more cells in {TABLE}")
     return "\n".join(lines)

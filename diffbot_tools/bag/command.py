@@ -165,7 +165,7 @@ def _filter(options: argparse.Namespace) -> int:
     types = options.types
     with _open_bags([options.bag]) as bags:
         known = {*bags.topics, *(topic.type for topic in bags.topics.values())}
-        if missing := [name for name in (*options.topics, *types) if name not in known]:
+        if missing := [name for name in (*options.topics, *options.exclude, *types) if name not in known]:
             raise DiffbotError(shown(f"{missing[0]} is not in the bag, which contains {', '.join(sorted(known))}"))
         return _cut(
             bags,

@@ -139,9 +139,10 @@ def test_the_journal_of_another_campaign_is_not_changed(tmp_path, capsys):
         assert_refused(tmp_path, capsys, message)
 
 
-def test_results_of_another_command_are_not_overwritten(tmp_path, capsys):
-    (tmp_path / "results.json").write_text('{"experiment": "a"}')
-    assert_refused(tmp_path, capsys, "results.json was not written by a campaign: choose another --out")
+@pytest.mark.parametrize("name", ["results.json", "results.csv"])
+def test_results_of_another_command_are_not_overwritten(name, tmp_path, capsys):
+    (tmp_path / name).write_text("of another command")
+    assert_refused(tmp_path, capsys, f"{name} was not written by a campaign: choose another --out")
 
 
 def test_two_campaigns_with_one_journal_count_each_chunk_once(tmp_path, expected):

@@ -77,6 +77,7 @@ def test_an_invalid_cut_is_refused_and_nothing_is_written(bag, tmp_path, run):
         ("must select a part of the bag, which lasts from 1700000000.000", ("trim", bag, "part", "--from", "2s")),
         ("must select a part of the bag", ("trim", bag, "part", "--from", "1s", "--to", "0.5s")),
         ("/scan is not in the bag", ("filter", bag, "part", "--topics", "/scan")),
+        ("/scna is not in the bag", ("filter", bag, "part", "--exclude", "/scna")),
         ("regex", ("filter", bag, "part", "--regex", "(")),
         ("this bag is given twice", ("merge", bag, bag, "part")),
         ("this bag is given twice", ("merge", bag.parent, bag, "part")),
