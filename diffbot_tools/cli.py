@@ -23,8 +23,8 @@ from diffbot_core.launcher import end_on_signals
 from diffbot_core.schema import build, to_dict
 from diffbot_tools.arguments import MAX_SEED, add_flags, add_remap, check_paths, duration, once, ros_parameters, whole
 from diffbot_tools.bag.command import add_bag
+from diffbot_tools.check.command import add_check
 from diffbot_tools.drive import MAX_DOMAIN, add_drive
-from diffbot_tools.live.command import add_check
 from diffbot_tools.robot_command import add_robot
 from diffbot_tools.run_command import NODES, add_run
 from diffbot_tools.view.report_command import add_report

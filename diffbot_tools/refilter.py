@@ -42,7 +42,7 @@ from diffbot_core.kinematics import Twist, TwistCovariance
 from diffbot_core.shared_parameters import robot_frame
 from diffbot_core.stamps import S_PER_NS
 from diffbot_core.yaml_files import MAX_BYTES
-from diffbot_tools.figures import (
+from diffbot_tools.filter_statistics import (
     NIS_LABELS,
     NIS_TOPIC,
     Innovation,

@@ -23,7 +23,7 @@ from diffbot_control.ros.messages.landmark_cloud import LandmarkPoint, fill_land
 from diffbot_core.errors import DiffbotError
 from diffbot_core.geometry import Pose
 from diffbot_core.kinematics import Twist
-from diffbot_tools.figures import Trajectory, poses_at
+from diffbot_tools.filter_statistics import Trajectory, poses_at
 
 # Messages with equal stamps are written in this order. Odometry is last, because the filter publishes a pose after it.
 ODOMETRY, POSE = "nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseWithCovarianceStamped"

@@ -11,7 +11,7 @@ from scipy.stats import binom
 
 from diffbot_lab.campaign.statistics import wilson
 from diffbot_sim.batch import COLUMNS
-from diffbot_tools.figures import quantiles
+from diffbot_tools.filter_statistics import quantiles
 
 Array = NDArray[np.float64]
 

@@ -18,7 +18,7 @@ from diffbot_lab.cases import Configuration, changes, described, make_case
 from diffbot_sim.batch import COLUMNS, Starts, run_batch, run_histories
 from diffbot_sim.config import PlantConfig, SensorConfig
 from diffbot_sim.robot_step import HISTORY_COLUMNS, Case
-from diffbot_tools.figures import quantiles
+from diffbot_tools.filter_statistics import quantiles
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from diffbot_bag.bag import BagReader
 from diffbot_control.filter.consistency import nis_bounds
-from diffbot_tools.figures import NIS_LABELS, NIS_TOPIC
+from diffbot_tools.filter_statistics import NIS_LABELS, NIS_TOPIC
 
 STATUS, LABELLED = "diagnostic_msgs/msg/DiagnosticStatus", "std_msgs/msg/Float64MultiArray"
 _MAX_NUMBERS = 3

@@ -22,7 +22,7 @@ from diffbot_tools.calibration.events import (
 from diffbot_tools.calibration.fit import Fit, Likelihood, constants_of, fit, joined_constants
 from diffbot_tools.calibration.kernel import NUMBERS, TERM, WHITE, Filtered, Settings, run_events, settings_of
 from diffbot_tools.calibration.quantities import Quantity, quantities_of, search_settings, times_of, with_values
-from diffbot_tools.figures import Consistency, consistency_of
+from diffbot_tools.filter_statistics import Consistency, consistency_of
 
 _AVERAGING_PERIOD = 0.05
 """[s] period over which odometry is averaged in the search"""

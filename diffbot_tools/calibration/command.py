@@ -83,14 +83,14 @@ def read_drive(bag: Path, config: EkfNodeConfig, until: float, remap: dict[str, 
         topics = (*collected.topics, commanded) if commanded in recorded else collected.topics
         total = sum(recorded[topic].message_count for topic in topics)
         rows = []
-        for message in tqdm(reader.decoded(topics), desc=bag.absolute().name, total=total, unit="message", disable=None):
+        for message in tqdm(reader.decoded(topics), desc=bag.name, total=total, unit="message", disable=None):
             if message.topic == commanded:
                 rows.append(_command(message))
             else:
                 collected.take(message)
     events = collected.events(str(bag), until)
     for (topic, kind), count in sorted(collected.dropped.items()):
-        print(f"{bag.absolute().name}: {topic}: dropped {count}: {kind}", file=sys.stderr)
+        print(f"{bag}: {topic}: dropped {count}: {kind}", file=sys.stderr)
     commands = np.array([row for row in rows if row is not None], dtype=np.float64).reshape(-1, 3)
     commands[:, 0] -= events.zero * S_PER_NS
     return events, commands[np.argsort(commands[:, 0], kind="stable")]

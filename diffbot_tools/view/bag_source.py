@@ -22,7 +22,7 @@ from diffbot_core.errors import DiffbotError
 from diffbot_core.kinematics import WheelGeometry
 from diffbot_core.schema import build
 from diffbot_core.stamps import NS_PER_S, S_PER_NS
-from diffbot_tools.figures import MAX_VAR_THETA, Trajectory, errors_at, nees_of
+from diffbot_tools.filter_statistics import MAX_VAR_THETA, Trajectory, errors_at, nees_of
 from diffbot_tools.opened_bag import open_bag
 from diffbot_tools.view.columns import COLUMNS, Array, Columns
 from diffbot_tools.view.constants import recorded_config, recorded_wheels

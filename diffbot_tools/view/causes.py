@@ -9,7 +9,7 @@ import numpy as np
 
 from diffbot_control.law.configuration import SwitchingConfig
 from diffbot_core.kinematics import WheelGeometry
-from diffbot_tools.figures import MAX_VAR_THETA
+from diffbot_tools.filter_statistics import MAX_VAR_THETA
 from diffbot_tools.view.columns import Array, Columns
 from diffbot_tools.view.texts import ERROR, WARNING
 

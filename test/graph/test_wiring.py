@@ -26,7 +26,7 @@ from diffbot_core.ros import watches
 from diffbot_core.uncertainty import CERTAIN
 from diffbot_sim.plant_node import PlantNode
 from diffbot_tools import cli
-from diffbot_tools.live.ros.observer import Observer
+from diffbot_tools.check.ros.observer import Observer
 
 IMPATIENT = {"pose_lost_timeout": 3.0}
 BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)

@@ -19,7 +19,7 @@ from diffbot_tools.calibration.command import describe
 from diffbot_tools.calibration.latency import LatencyEstimate
 from diffbot_tools.calibration.parameters import CalibrationResult, Row
 from diffbot_tools.calibration.quantities import Quantity
-from diffbot_tools.figures import Consistency
+from diffbot_tools.filter_statistics import Consistency
 from diffbot_tools.parameter_file import read_config, values_of
 from diffbot_tools.robot import read_robot
 from diffbot_tools.robot_description import PRESETS, file_of_robot

@@ -2,7 +2,7 @@
 
 from types import SimpleNamespace
 
-from diffbot_tools.live.ros.observer import Observer
+from diffbot_tools.check.ros.observer import Observer
 
 FIX = "geometry_msgs/msg/PoseWithCovarianceStamped"
 

@@ -11,7 +11,7 @@ from diffbot_control.ros.transforms import NO_TRANSFORMS
 from diffbot_core.endpoints import TWIST, TWIST_STAMPED, Endpoint
 from diffbot_core.schema import build
 from diffbot_tools import cli
-from diffbot_tools.live.report import (
+from diffbot_tools.check.report import (
     ObservedRobot,
     TopicGraph,
     clock_lines,
@@ -20,7 +20,7 @@ from diffbot_tools.live.report import (
     output_lines,
     unmatched,
 )
-from diffbot_tools.live.streams import MessageArrival, Streams
+from diffbot_tools.check.streams import MessageArrival, Streams
 
 ODOMETRY, IMU = "nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu"
 FIX = "geometry_msgs/msg/PoseWithCovarianceStamped"

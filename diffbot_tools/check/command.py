@@ -35,7 +35,7 @@ def add_check(commands: Any) -> None:
 def _check(options: argparse.Namespace) -> int:
     values = {} if options.file is None else _values_in(options.file)
     # Imported by name, since the command line must start without ROS.
-    observer_type = importlib.import_module("diffbot_tools.live.ros.observer").Observer
+    observer_type = importlib.import_module("diffbot_tools.check.ros.observer").Observer
     try:
         observer = observer_type(options.namespace, values, options.ros_args)
     except Exception as error:  # rclpy raises several types for invalid names

@@ -19,7 +19,7 @@ from diffbot_core.endpoints import (
     input_problem,
     is_observer,
 )
-from diffbot_tools.live.streams import COMMANDS, SIMULATED_CLOCK, Stream, Streams
+from diffbot_tools.check.streams import COMMANDS, SIMULATED_CLOCK, Stream, Streams
 
 _MAX_AHEAD, _MAX_BEHIND = 0.1, 1.0
 """[s] largest times by which stamps may be ahead of the clock and behind the clock; correct stamps are never ahead"""

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from diffbot_tools.figures import Innovation, consistency_of_innovations
+from diffbot_tools.filter_statistics import Innovation, consistency_of_innovations
 
 
 def innovations(rng, count, c, source=("Fix", ())):

@@ -29,7 +29,7 @@ from diffbot_core.ros.watches import CLOCK_TOPIC
 from diffbot_core.schema import build, parameters_of
 from diffbot_core.stamps import NS_PER_S
 from diffbot_tools.bringup import RELATIVE_TF
-from diffbot_tools.live.report import (
+from diffbot_tools.check.report import (
     Line,
     ObservedRobot,
     TopicGraph,
@@ -38,7 +38,7 @@ from diffbot_tools.live.report import (
     node_lines,
     output_lines,
 )
-from diffbot_tools.live.streams import COMMANDS, MessageArrival, Streams
+from diffbot_tools.check.streams import COMMANDS, MessageArrival, Streams
 
 _DISCOVERY = 2.0
 """[s] time to discover the graph before subscribing"""
