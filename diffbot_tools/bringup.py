@@ -48,6 +48,8 @@ _BOOLEAN = ("true", "false")
 _PATHS = "parameters", "urdf", "bag"
 _MEMBERS = {"robot": ("ekf", "controller"), "docking": ("dock_ekf", DOCK_CONTROLLER)}
 """Nodes of each process that runs two nodes."""
+_PUBLISHERS, _WATCHERS = "max_cmd_vel_publishers", ("robot", CONTROLLER, PLANT)
+"""Number of controllers on cmd_vel, and the processes that report more. docking_node expects two by itself."""
 
 
 class Argument(NamedTuple):
@@ -159,12 +161,14 @@ def plan(values: Mapping[str, Any], share: Path, *, simulate: bool) -> list[Node
     time = {"use_sim_time": values["clock"] != "wall" if simulate else values["use_sim_time"]}
     file = parameter_file(values, share)
     sections = read_sections(file)
+    is_given = any(_PUBLISHERS in one.values for one in sections)
+    two = {_PUBLISHERS: len(CONTROLLERS)} if values["docking"] and not is_given else {}
     nodes = [
         NodePlan(
             executable=f"{process}_node",
             name="" if process in _MEMBERS else process,
             files=(str(file),) if _is_for(sections, process) else (),
-            parameters={**time, **parameters},
+            parameters={**time, **(two if process in _WATCHERS else {}), **parameters},
         )
         for process, parameters in _parameters(values, simulate=simulate).items()
     ]

@@ -83,6 +83,16 @@ def test_in_lockstep_inputs_are_reliable_and_commands_are_stamped():
         simulation(clock="lockstep", docking="true")
 
 
+def test_with_docking_two_controllers_are_allowed_unless_the_file_sets_their_number(tmp_path):
+    name, file = "max_cmd_vel_publishers", tmp_path / "robot.yaml"
+    for composed, nodes in (("false", {"controller", "plant"}), ("true", {"robot_node", "plant"})):
+        found = {(one.name or one.executable): one.parameters for one in simulation(docking="true", composed=composed)}
+        assert {key: one[name] for key, one in found.items() if name in one} == dict.fromkeys(nodes, 2)
+    assert not any(name in one.parameters for one in simulation())
+    file.write_text(f"/**/controller: {{ros__parameters: {{{name}: 3}}}}\n")
+    assert not any(name in one.parameters for one in robot(docking="true", parameters=str(file)))
+
+
 def test_only_nodes_that_a_parameter_file_names_get_it(tmp_path):
     assert {node.files for node in robot()} == {(str(ROOT / "config" / "diffbot.yaml"),)}
     file = tmp_path / "robot.yaml"
