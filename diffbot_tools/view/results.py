@@ -8,6 +8,7 @@ the dock.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from math import degrees
 from typing import Any, NamedTuple
@@ -254,13 +255,15 @@ def _limit_lines(command: Columns, begin: float, end: float, config: SwitchingCo
 
 
 def result_line(cards: Sequence[Mapping[str, Any]]) -> Words:
-    """Return the title of a report: how many goals were reached. A path counts as one goal, its last pose."""
+    """Return the title of a report: how many goals were reached, cancelled and replaced. A path counts as one goal."""
     parts = []
     for is_docking, noun, done in ((False, "goal", "reached"), (True, "docking drive", "done")):
         own = [one for one in cards if one["isDocking"] == is_docking and one["end"] != PASSED]
         count = sum(one["level"] == OK for one in own)
         if own:
             parts.append(f"{count} of {len(own)} {noun}{'' if len(own) == 1 else 's'} {done}")
+        neutral = Counter(str(one["end"]) for one in own if one["level"] == NEUTRAL)
+        parts += [f"{number} {end}" for end, number in neutral.items()]
     is_failed = any(one["level"] == ERROR for one in cards)
     return ERROR if is_failed else OK, ", ".join(parts) or "no goal in the recording"
 

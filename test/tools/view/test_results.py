@@ -75,6 +75,12 @@ def test_goals_without_an_answer_are_warnings():
     assert result_line(cards) == (OK, "0 of 2 goals reached")
 
 
+def test_the_title_names_goals_that_were_cancelled_or_replaced():
+    ends = "replaced", "reached", "cancelled", "replaced"
+    cards = [card_of(drive(2.0), end, "", "action", 6.5) for end in ends]
+    assert result_line(cards) == (OK, "1 of 4 goals reached, 2 replaced, 1 cancelled")
+
+
 def test_commands_beyond_a_limit_are_an_error():
     card = card_of(drive(2.0, speed=1.01 * TUNED.data_sheet.v_max), "reached", "", "", 6.5)
     level, text = card["lines"][2]
