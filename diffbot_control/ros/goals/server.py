@@ -249,6 +249,9 @@ class GoalServer:
             with suppress(NodeNameNonExistentError):  # the node has just left the graph
                 if service in dict(node.get_client_names_and_types_by_node(name, namespace)):
                     clients.add(f"{namespace.rstrip('/')}/{name}")
+        # A call may arrive before the middleware knows to which node its client belongs.
+        if node.count_clients(service) > len(clients):
+            clients.add("an unknown node")
         return f"by a call of {service}" + (f" from {' or '.join(sorted(clients))}" if clients else "")
 
     def _on_cancel(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
