@@ -35,7 +35,7 @@ from diffbot_lab.tables import number
 from diffbot_sim.batch import in_threads
 from diffbot_sim.config import PlantConfig, SensorConfig, WorldConfig
 from diffbot_sim.fusion import SimulatedRobot, arriving_pose, new_buffers, reference_to
-from diffbot_sim.jit import compile_kernel, one_compiler
+from diffbot_sim.jit import compile_kernel
 from diffbot_sim.noise import NoiseSource, uniform
 from diffbot_sim.robot_step import advance, sense_estimate, start
 from diffbot_sim.sensors import purposes_of
@@ -200,8 +200,7 @@ _kernel = compile_kernel(_drive_all)
 def _compile(robot: SimulatedRobot) -> None:
     """Compile the kernel before threads call it. One compilation suffices, as all robots have the same types."""
     if not _kernel.signatures:
-        with one_compiler(""):
-            _kernel(new_buffers(robot), np.empty((0, 3)), np.empty((0, 1, 1, 4)), np.empty((0, 1, 7)))
+        _kernel(new_buffers(robot), np.empty((0, 3)), np.empty((0, 1, 1, 4)), np.empty((0, 1, 7)))
 
 
 def run_drives(case: OpenLoopCase, seed: int, runs: int, threads: int | None = None) -> Array:

@@ -22,7 +22,7 @@ from diffbot_core.errors import InvalidValueError
 from diffbot_core.geometry import Pose, wrap_angle
 from diffbot_sim.config import SensorConfig
 from diffbot_sim.fusion import SimulatedRobot, borrowed, new_buffers, reference_to
-from diffbot_sim.jit import compile_kernel, law_version, one_compiler
+from diffbot_sim.jit import compile_kernel, law_version
 from diffbot_sim.noise import NoiseSource, uniform
 from diffbot_sim.outcome import Outcome
 from diffbot_sim.robot_step import FEEDBACKS, HISTORY_COLUMNS, TRUTH, Case, check_robot, make_loop
@@ -95,8 +95,7 @@ def _kernel(law: type[Law], feedback: int, example: tuple[Any, ...]) -> Any:
             kernel = compile_kernel(_make_fill(law, feedback), law_version(law))
         if hasattr(kernel, "py_func") and tuple(map(kernel.typeof_pyval, example)) not in kernel.overloads:
             try:
-                with one_compiler(law_version(law)):
-                    kernel(*example)  # compiles the kernel, which then simulates zero runs
+                kernel(*example)  # compiles the kernel, which then simulates zero runs
             except Exception as error:  # numba's errors do not share a base class
                 kernel, reason = kernel.py_func, _first_line(error)
                 _log.warning("law %s runs as plain Python, since numba cannot compile it: %s", law.name, reason)

@@ -142,15 +142,12 @@ def _numba_settings(version: str = "") -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def one_compiler(version: str) -> Iterator[None]:
+def _one_compiler() -> Iterator[None]:
     """Let only one process at a time compile. The others wait, and then load the result from the cache.
 
-    Args:
-        version: as for :func:`compile_kernel`; different versions do not wait for each other.
+    There is one lock for all kernels, since different kernels share functions, which are compiled once.
     """
-    folder = _cache_folder() / version
-    folder.mkdir(parents=True, exist_ok=True)
-    with (folder / "compiling.lock").open("w") as lock, _numba_settings():
+    with (_cache_folder() / "compiling.lock").open("w") as lock, _numba_settings():
         fcntl.flock(lock, fcntl.LOCK_EX)
         yield
 
@@ -201,4 +198,12 @@ def compile_kernel(function: Any, version: str = "") -> Any:
     """
     register(*(one for one in reachable_functions(function) if one is not function))
     with _numba_settings(version):
-        return numba.njit(function, nogil=True, cache=True, error_model="numpy")
+        kernel = numba.njit(function, nogil=True, cache=True, error_model="numpy")
+    compile_or_load = kernel.compile
+
+    def alone(signature: Any) -> Any:
+        with _one_compiler():
+            return compile_or_load(signature)
+
+    kernel.compile = alone
+    return kernel

@@ -44,8 +44,9 @@ TESTS = Path(__file__).parent
 LEFT_OUT = requirements.left_out(requirements.missing_packages())
 collect_ignore = list(LEFT_OUT)
 PROCESSES = ("graph/", "faults/", "real/", "slow/")
-LONGEST_FIRST = ("install", "study", "graph")
-"""Marks, sorted by the time that a file of their tests takes."""
+LONGEST_FIRST = (("install",), ("study", "graph"))
+"""Marks, sorted by the time that a file of their tests takes. Files of marks in one tuple alternate: studies wait for
+each other while they compile, and tests of nodes use the other cores meanwhile."""
 STUDIES = (
     "lab/benchmark/",
     "lab/campaign/",
@@ -93,18 +94,20 @@ def pytest_collection_modifyitems(items):
     Tests of other rooms that start nodes carry the mark ``graph`` themselves.
     """
     rooms = {path: path.relative_to(TESTS).as_posix() for path in {item.path for item in items}}
-    ranks = {}
+    marks = {}
     for item in items:
         room = rooms[item.path]
         if room.startswith(PROCESSES):
             item.add_marker(pytest.mark.graph)
         if room.startswith(STUDIES):
             item.add_marker(pytest.mark.study)
-        rank = next(
-            (rank for rank, mark in enumerate(LONGEST_FIRST) if item.get_closest_marker(mark)), len(LONGEST_FIRST)
-        )
-        ranks[item.path] = min(rank, ranks.get(item.path, rank))
-    items.sort(key=lambda item: ranks[item.path])
+        marks.setdefault(item.path, set()).update(mark.name for mark in item.iter_markers())
+    places = {}
+    for rank, group in enumerate(LONGEST_FIRST):
+        for position, mark in enumerate(group):
+            files = [path for path in marks if mark in marks[path] and path not in places]
+            places |= {path: (rank, index, position) for index, path in enumerate(files)}
+    items.sort(key=lambda item: places.get(item.path, (len(LONGEST_FIRST), 0, 0)))
 
 
 def pytest_report_header():

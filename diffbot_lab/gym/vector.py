@@ -32,7 +32,7 @@ from diffbot_lab.gym import MAX_STEPS, environment
 from diffbot_lab.gym.environment import DiffbotGoalEnv, Floats, Task, command_of, observation_of, score
 from diffbot_sim.config import WorldConfig
 from diffbot_sim.fusion import RunBuffers, SimulatedRobot, borrowed, new_buffers, reference_to
-from diffbot_sim.jit import compile_kernel, one_compiler, source_hash
+from diffbot_sim.jit import compile_kernel, source_hash
 from diffbot_sim.noise import NoiseSource
 from diffbot_sim.robot_step import EKF, FEEDBACKS, SENSES, advance, start
 from diffbot_sim.sensors import purposes_of
@@ -184,13 +184,12 @@ class DiffbotGoalVectorEnv(VectorEnv[Floats, Floats, NDArray[Any]]):
         self._fresh: NDArray[np.bool_] = np.ones(num_envs, dtype=bool)
         self._elapsed: NDArray[np.int64] = np.zeros(num_envs, dtype=np.int64)
         self._generators: list[np.random.Generator] = []
-        with one_compiler(_VERSION):
-            self._all_buffers = [new_buffers(robot) for _ in range(num_envs)]
-            self._step, nothing = _compiled_steps[FEEDBACKS.index(feedback)], np.zeros((0, 2))
-            self._fleets = _compiled_new_fleet(one.task, self._all_buffers[0])
-            for buffers in self._all_buffers[1:]:
-                _compiled_add_robot(self._fleets, buffers)
-            self._step(self._fleets, np.flatnonzero(nothing), False, self._episodes, nothing, self._new_results())
+        self._all_buffers = [new_buffers(robot) for _ in range(num_envs)]
+        self._step, nothing = _compiled_steps[FEEDBACKS.index(feedback)], np.zeros((0, 2))
+        self._fleets = _compiled_new_fleet(one.task, self._all_buffers[0])
+        for buffers in self._all_buffers[1:]:
+            _compiled_add_robot(self._fleets, buffers)
+        self._step(self._fleets, np.flatnonzero(nothing), False, self._episodes, nothing, self._new_results())
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
