@@ -1,5 +1,6 @@
-"""The loop with laws from other packages: versions, laws that do not compile, and the answer reached."""
+"""The compiled loop: one compiler at a time. Laws from other packages: versions, plain Python, the answer reached."""
 
+import fcntl
 import logging
 import math
 import sys
@@ -13,7 +14,7 @@ from diffbot_core.geometry import Pose
 from diffbot_lab.cases import Configuration, make_case
 from diffbot_sim.batch import Starts, run_batch
 from diffbot_sim.fusion import new_buffers
-from diffbot_sim.jit import law_version
+from diffbot_sim.jit import compile_kernel, law_version
 from diffbot_sim.noise import NoiseSource
 from diffbot_sim.robot_step import make_loop
 from diffbot_sim.sensors import purposes_of
@@ -114,3 +115,15 @@ def test_the_outcome_contains_a_false_reached(write):
     liar = write(LAW.replace("abs(omega) < 0.01", "True"), "lying_law")
     outcome = plain_run(liar, case_for(liar))
     assert (outcome.reached_time, outcome.false_reached) == (0.0, 1.0)
+
+
+def test_kernels_compile_under_one_lock_so_that_shared_functions_compile_once(monkeypatch):
+    kernels = [compile_kernel(lambda x: x + 1), compile_kernel(lambda x: x + 2, "a version")]
+    locks = []
+    monkeypatch.setattr(
+        fcntl, "flock", lambda file, kind: locks.append((file.name, kind, [len(one.overloads) for one in kernels]))
+    )
+    assert [one(40) for one in kernels] == [41, 42]
+    assert [counts for _, _, counts in locks] == [[0, 0], [1, 0]], "each kernel compiles after it has the lock"
+    assert {kind for _, kind, _ in locks} == {fcntl.LOCK_EX}
+    assert len({name for name, _, _ in locks}) == 1
