@@ -89,9 +89,10 @@ def _is_of_library(function: FunctionType) -> bool:
 def source_hash(*roots: Any, name: str = "") -> str:
     """Return a hash of a name and of the source files of ``roots`` and all functions that they call."""
     files = {inspect.getsourcefile(one) for one in reachable_functions(*roots)}
+    texts = [(Path(one).name, Path(one).read_bytes()) for one in files if one and Path(one).is_file()]
     digest = hashlib.sha256(name.encode())
-    for path in sorted((Path(one) for one in files if one and Path(one).is_file()), key=lambda one: one.name):
-        digest.update(f"{path.name}\n".encode() + path.read_bytes())
+    for file_name, text in sorted(texts):
+        digest.update(f"{file_name}\n".encode() + text)
     return digest.hexdigest()[:DIGITS]
 
 

@@ -14,7 +14,7 @@ from diffbot_core.geometry import Pose
 from diffbot_lab.cases import Configuration, make_case
 from diffbot_sim.batch import Starts, run_batch
 from diffbot_sim.fusion import new_buffers
-from diffbot_sim.jit import compile_kernel, law_version
+from diffbot_sim.jit import compile_kernel, law_version, source_hash
 from diffbot_sim.noise import NoiseSource
 from diffbot_sim.robot_step import make_loop
 from diffbot_sim.sensors import purposes_of
@@ -100,6 +100,20 @@ def test_a_law_that_does_not_compile_runs_as_plain_python_and_is_logged_once(wri
 def test_the_version_changes_with_the_source(write):
     assert law_version(write(LAW)) == law_version(write(LAW))
     assert law_version(write(LAW)) != law_version(write(LAW + "\n# changed\n", "turning_law_2"))
+
+
+def test_the_version_does_not_depend_on_the_folder_although_two_files_have_the_same_name(tmp_path):
+    def version(installation):
+        functions = []
+        for package in ("law", "filter"):
+            path = tmp_path / installation / package / "config.py"
+            path.parent.mkdir(parents=True)
+            path.write_text(source := f"def step():\n    return {package!r}\n")
+            exec(compile(source, path, "exec"), module := {"__name__": package})
+            functions.append(module["step"])
+        return source_hash(*functions)
+
+    assert len({version(str(number)) for number in range(20)}) == 1
 
 
 def test_the_outcome_contains_turning_and_the_time_of_reached():
