@@ -157,9 +157,10 @@ def test_a_goal_that_loses_its_pose_names_what_the_filter_reports(nodes):
     with graph.peer(name="driver") as driver:
         publisher = driver.publisher(Odometry, "odom")
         driver.publisher(PoseStamped, "global_pose")
-        nodes.peer.node.create_timer(0.05, lambda: publisher.publish(message))
+        timer = nodes.peer.node.create_timer(0.05, lambda: publisher.publish(message))
         send_goal(nodes, 1.0, 0.0, 0.0)
         end = end_of_goal(nodes)
+        timer.cancel()
     assert end.startswith("pose lost: no pose for pose_lost_timeout = 3 s; /ekf: ")
     for reason in (
         "drops odom: wrong child_frame_id: 'base_footprint', not 'base_link': set base_link_frame",

@@ -79,7 +79,7 @@ sources() {
     # Of Nav2's 51 messages those that the manager, AMCL, their library and this project use; nothing of this takes a
     # geographic message.
     used='Costmap\|CostmapMetaData\|ClearEntireCostmap\|ManageLifecycleNodes\|NavigateToPose\|NavigateThroughPoses'
-    used="$used"'\|DockRobot\|UndockRobot\|Particle\|ParticleCloud\|SetInitialPose'
+    used="$used"'\|FollowPath\|DockRobot\|UndockRobot\|Particle\|ParticleCloud\|SetInitialPose'
     sed -i -e "/^ *\"\(msg\|srv\|action\)\//{/\/\($used\)\./!d}" -e 's/ geographic_msgs//' \
         "$sources/navigation2/nav2_msgs/CMakeLists.txt"
     sed -i '/geographic_msgs/d' "$sources/navigation2/nav2_msgs/package.xml"

@@ -26,6 +26,8 @@ class Nodes:
         return node
 
     def remove(self, node):
+        """End a node as its own process does: destroying the node alone would leave its action servers."""
+        node.before_shutdown()
         self.peer.executor.remove_node(node)
         self._nodes.remove(node)
         node.destroy_node()
