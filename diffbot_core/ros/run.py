@@ -113,7 +113,10 @@ def run(make_nodes: Factory, args: list[str] | None = None, *, shared_memory: bo
     finally:
         DiffbotNode.files = None
         _shut_down(nodes, stop, failed)
-        del executor  # not earlier: ManagedNode.before_shutdown() needs it, and nodes keep a weak reference only
+        # Not earlier: ManagedNode.before_shutdown() needs the executor, and nodes keep a weak reference only. If the
+        # executor has the last handle of a node, Fast DDS destroys the participant here.
+        with forced_exit(END_TIMEOUT, _status(nodes, failed)):
+            del executor
     return _status(nodes, failed)
 
 

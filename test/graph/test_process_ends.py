@@ -64,26 +64,34 @@ def test_a_signal_that_is_ignored_stays_ignored(tmp_path):
 
 STUCK = """
 import ctypes
+from rclpy.executors import SingleThreadedExecutor
 from diffbot_core.shared_parameters import FaultConfig
 from diffbot_core.ros.node import DiffbotNode
-from diffbot_core.ros.run import run
+from diffbot_core.ros import run
 
-class Stuck(DiffbotNode):
+class Node(DiffbotNode):
     def __init__(self):
         super().__init__("stuck", FaultConfig)
 
     def before_shutdown(self):
         print("robot stands", flush=True)
 
-    def destroy_node(self):
-        ctypes.PyDLL(None).pause()
+class Executor(SingleThreadedExecutor):
+    pass
 
-raise SystemExit(run(Stuck))
+def hang(_self):
+    ctypes.PyDLL(None).pause()
+
+{method} = hang
+run.make_executor = Executor
+raise SystemExit(run.run(Node))
 """
 
 
-def test_a_node_that_the_middleware_does_not_let_end_is_ended_after_its_shutdown():
-    with graph.process(sys.executable, "-c", STUCK) as process:
+@pytest.mark.parametrize("method", ["Node.destroy_node", "Executor.__del__"])
+def test_a_node_that_the_middleware_does_not_let_end_is_ended_after_its_shutdown(method):
+    """Fast DDS destroys the participant together with the node, or with the executor if it has the last handle."""
+    with graph.process(sys.executable, "-c", STUCK.format(method=method)) as process:
         process.wait_for_output("ready")
         assert process.stop() == 0
         assert "robot stands" in process.output

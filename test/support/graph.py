@@ -256,7 +256,7 @@ class Peer:
         return next(future.result() for future in futures if future.done())
 
     def close(self):
-        """Destroy the node when the graph does not change: otherwise Fast DDS may hang, see core/ros/forced_exit.py."""
+        """Destroy the node when the graph does not change: otherwise Fast DDS may hang, see run.forced_exit()."""
         self.executor.shutdown()
         before, deadline = None, time.monotonic() + ANSWER
         while (now := self._graph()) != before and time.monotonic() < deadline:
