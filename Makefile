@@ -39,9 +39,12 @@ setup: $(VENV)/package.stamp
 demo: setup
 	@$(BIN)/diffbot demo --overwrite $(ARGS)
 
+# End a test that pytest's own timeout cannot end, because compiled code hangs and holds the GIL.
+BOUNDED := -o faulthandler_timeout=950 -o faulthandler_exit_on_timeout=true
+
 # Not `python -m pytest`, which would put the source tree before the installed package.
 test: setup programs
-	@$(BIN)/pytest -n 4 --dist loadfile --no-loadscope-reorder $(ARGS)
+	@$(BIN)/pytest -n 4 --dist loadfile --no-loadscope-reorder $(BOUNDED) $(ARGS)
 
 # Programs that pip does not install: a compiler for the tests of Nav2's actions, and a browser for the tests of the page.
 # Without a browser, pytest skips the tests of the page and reports them as skipped.
@@ -68,7 +71,7 @@ slow: setup programs
 # Run the tests of nodes in the environment of `make setup` with an overlay of ROS packages: docs/how-to/install-on-ros.md.
 real: setup
 	@test -n "$(OVERLAY)" || { echo "make real OVERLAY=<folder of installed ROS packages>: docs/how-to/install-on-ros.md" >&2; exit 1; }
-	@test/real/overlay.sh $(VENV) $(OVERLAY) pytest -n 2 --dist loadfile -m 'graph and not install and not slow' $(ARGS)
+	@test/real/overlay.sh $(VENV) $(OVERLAY) pytest -n 2 --dist loadfile -m 'graph and not install and not slow' $(BOUNDED) $(ARGS)
 
 lint: setup
 	@$(BIN)/ruff check

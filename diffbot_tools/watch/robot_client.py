@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from rcl_interfaces.srv import GetParameters
+from rclpy import Context
 from rclpy.parameter import parameter_value_to_python
 from std_srvs.srv import SetBool, Trigger
 
@@ -54,9 +55,16 @@ class RobotInfo(NamedTuple):
 class RobotClient:
     """Handles the requests for one robot in their order, and reports how the newest goal ends."""
 
-    def __init__(self, namespace: str, config: WatchConfig, on_info: Callable[[RobotInfo], None]) -> None:
-        """Start the thread, which calls ``on_info`` whenever services or parameters of the robot have changed."""
+    def __init__(
+        self, namespace: str, config: WatchConfig, context: Context, on_info: Callable[[RobotInfo], None]
+    ) -> None:
+        """Start the thread, which calls ``on_info`` whenever services or parameters of the robot have changed.
+
+        A ``context`` that another node keeps in use, so that :meth:`stop` destroys no participant: Fast DDS may hang
+        there, see :func:`diffbot_core.ros.run.forced_exit`.
+        """
         self._namespace, self._config, self._on_info = namespace.strip("/"), config, on_info
+        self._context = context
         self._requests: queue.Queue[tuple[Request, Reply]] = queue.Queue(MAX_WAITING)
         self._stopped = threading.Event()
         self._is_paused = False
@@ -84,20 +92,21 @@ class RobotClient:
         self._thread.join(timeout=5.0)
 
     def _run(self) -> None:
-        self._client: Navigator = Navigator.in_own_context(
+        config = self._config
+        self._client = Navigator(
             node_name="watch_client",
             namespace=self._namespace,
-            controller=self._config.controller,
-            frame=self._config.map_frame,
+            controller=config.controller,
+            frame=config.map_frame,
+            context=self._context,
         )
-        config = self._config
-        self._dock_client: GoalClient = GoalClient(
+        self._dock_client = GoalClient(
             "watch_dock_client",
             self._namespace,
             controller=config.dock_controller,
             frame="dock",
             prefix="dock/",
-            context=self._client.context,
+            context=self._context,
         )
         self._active: GoalClient = self._client
         """client of the newest goal"""
@@ -123,7 +132,7 @@ class RobotClient:
                 goal_reply = self._handle(request, reply, goal_reply)
         finally:
             self._dock_client.close(shut_down=False)
-            self._client.close()
+            self._client.close(shut_down=False)
 
     def _follow(self, goal_reply: Reply | None) -> Reply | None:
         """If the goal under way has ended, report its end; without a goal, update services and parameters."""

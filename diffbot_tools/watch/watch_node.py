@@ -70,7 +70,7 @@ class WatchNode(DiffbotNode[WatchConfig]):
         self._robot_clients: dict[str, RobotClient] = {}
         for name, namespace in zip(self._names, config.namespaces, strict=True):
             self._robots[name] = RobotSource(self, name, namespace, self._state, clock)
-            self._robot_clients[name] = RobotClient(namespace, config, partial(self._on_info, name))
+            self._robot_clients[name] = RobotClient(namespace, config, self.context, partial(self._on_info, name))
         self.subscribe(DiagnosticArray, "/diagnostics", self._on_diagnostics, QUEUE)
         self.create_timer(_UPDATE_PERIOD, self._update, clock=self.steady_clock)
         self._put_recording()
