@@ -114,7 +114,7 @@ def run(make_nodes: Factory, args: list[str] | None = None, *, shared_memory: bo
         DiffbotNode.files = None
         _shut_down(nodes, stop, failed)
         # Not earlier: ManagedNode.before_shutdown() needs the executor, and nodes keep a weak reference only. If the
-        # executor has the last handle of a node, Fast DDS destroys the participant here.
+        # executor has the last handle of a node, its end destroys the participant.
         with forced_exit(END_TIMEOUT, _status(nodes, failed)):
             del executor
     return _status(nodes, failed)

@@ -60,8 +60,8 @@ class RobotClient:
     ) -> None:
         """Start the thread, which calls ``on_info`` whenever services or parameters of the robot have changed.
 
-        A ``context`` that another node keeps in use, so that :meth:`stop` destroys no participant: Fast DDS may hang
-        there, see :func:`diffbot_core.ros.run.forced_exit`.
+        Another node has to use the same ``context`` until :meth:`stop` has returned. Otherwise Fast DDS would destroy
+        the participant there, and may hang; see :func:`diffbot_core.ros.run.forced_exit`.
         """
         self._namespace, self._config, self._on_info = namespace.strip("/"), config, on_info
         self._context = context

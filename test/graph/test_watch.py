@@ -254,6 +254,6 @@ def test_a_browser_is_opened_without_the_token_on_its_command_line(url, tmp_path
         assert stat.S_IMODE(file.stat().st_mode) == 0o600
         node.before_shutdown()
         (client,) = node._robot_clients.values()
-        # The end of a participant of their own could hang while other nodes are being discovered.
+        # With a context of their own, their end could hang while other nodes are being discovered.
         assert client._client.context is client._dock_client.context is node.context
     assert not file.exists()
